@@ -93,6 +93,10 @@ class OutputExistsError(StorageError):
     code = "output-exists"
 
 
+class DamagedOutputError(StorageError):
+    """An earlier output is damaged, so that no run can continue from it."""
+
+
 class BackendUnavailableError(EngineError):
     """The requested rasteriser cannot run on this machine."""
 

@@ -11,6 +11,7 @@ import pytest
 
 from fvs_engine.errors import ReconstructionError
 from fvs_engine.monitor import Monitor
+from fvs_engine.records import Record
 from fvs_engine.sfm import stages
 from fvs_engine.sfm.batch import undistort
 from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
@@ -49,7 +50,8 @@ def _run_here(
     if on_tick is not None:
         on_tick()
     monitor.check()
-    return json.loads(json.dumps(result))
+    plain = result.model_dump(mode="json") if isinstance(result, Record) else result
+    return json.loads(json.dumps(plain))
 
 
 @contextlib.contextmanager

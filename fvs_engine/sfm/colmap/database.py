@@ -10,7 +10,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-from fvs_engine.errors import ReconstructionError
+from fvs_engine.errors import DamagedOutputError, StorageError
 
 _VERIFIED = frozenset({2, 3, 4, 5, 6, 9})
 """COLMAP's TwoViewGeometry configurations that are a geometry (not degenerate, watermark or ambiguous)."""
@@ -37,9 +37,10 @@ class VerifiedPair:
 
 
 def require_sound_database(path: Path) -> None:
-    """Check that no other process uses the database and that it is whole; raises ``ReconstructionError``.
+    """Check that no other process uses the database and that it is whole.
 
-    One whose creation was interrupted (by a full disk, a kill) is deleted: it holds nothing yet.
+    One whose creation was interrupted (by a full disk, a kill) is deleted: it holds nothing yet. Raises
+    ``DamagedOutputError`` when it is damaged, ``StorageError`` when it is in use or cannot be opened.
     """
     if not path.exists():
         return
@@ -51,11 +52,11 @@ def require_sound_database(path: Path) -> None:
             tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
     except sqlite3.OperationalError as error:
         if "locked" not in str(error) and "busy" not in str(error):
-            raise ReconstructionError(
+            raise StorageError(
                 f"The feature database {path} cannot be opened: {error}.",
                 hint="Check the folder's permissions and the free space on its disk.",
             ) from error
-        raise ReconstructionError(
+        raise StorageError(
             f"Another process works on {path}.", hint="Wait until it ends, or give another output folder."
         ) from error
     except sqlite3.DatabaseError as error:
@@ -67,8 +68,8 @@ def require_sound_database(path: Path) -> None:
             left.unlink(missing_ok=True)
 
 
-def _damaged(path: Path) -> ReconstructionError:
-    return ReconstructionError(
+def _damaged(path: Path) -> DamagedOutputError:
+    return DamagedOutputError(
         f"The feature database {path} is damaged.",
         hint=f"Delete {path.name} and run again; features are extracted again.",
     )
@@ -76,10 +77,14 @@ def _damaged(path: Path) -> ReconstructionError:
 
 @contextlib.contextmanager
 def _reading(path: Path) -> Iterator[sqlite3.Connection]:
-    with contextlib.closing(
-        sqlite3.connect(f"{path.absolute().as_uri()}?mode=ro", uri=True, timeout=5.0)
-    ) as db:
-        yield db
+    address = f"{path.absolute().as_uri()}?mode=ro"
+    with contextlib.closing(sqlite3.connect(address, uri=True, timeout=5.0)) as db:
+        try:
+            yield db
+        except sqlite3.OperationalError:
+            raise
+        except sqlite3.DatabaseError as error:
+            raise _damaged(path) from error
 
 
 def remove_images(path: Path, names: Iterable[str]) -> None:
@@ -134,7 +139,7 @@ def count_rows(path: Path, table: str) -> int:
     try:
         with _reading(path) as db:
             return int(db.execute(f"SELECT count(*) FROM {table}").fetchone()[0])
-    except sqlite3.Error:
+    except (sqlite3.Error, DamagedOutputError):
         return 0
 
 

@@ -2,7 +2,7 @@
 
 import contextlib
 import json
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -11,6 +11,7 @@ import pycolmap
 
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.geometry import RigidTransform
+from fvs_engine.sfm.answers import Localisation, LocalisedImage
 from fvs_engine.sfm.colmap.database import delete_database, feature_counts, require_sound_database
 from fvs_engine.sfm.colmap.model import camera_from_pycolmap
 from fvs_engine.sfm.colmap.part_database import differing_features
@@ -70,7 +71,7 @@ def localise(
     }
     stages.monitor.report("localisation", 0, len(usable))
     with stages.timed("localisation"):
-        localised = stages.native_over(
+        answer = stages.native_over(
             "localise",
             list(chosen),
             lambda some: {
@@ -85,7 +86,8 @@ def localise(
             on_event=lambda done: stages.monitor.report("localisation", done, len(usable)),
         )
     stages.monitor.report("localisation", len(usable), len(usable))
-    return {name: _view(name, localised[name]) for name in names if name in localised}
+    found = Localisation.model_validate(answer).images
+    return {name: _view(name, found[name]) for name in names if name in found}
 
 
 def _delete_if_changed(
@@ -105,8 +107,7 @@ def _delete_if_changed(
     write_text_atomically(folder.state, json.dumps({"features": wanted, "images": before | sizes}))
 
 
-def _view(name: str, answer: Mapping[str, Any]) -> AnyView:
-    width, height = answer["size"]
-    camera = pycolmap.Camera(model=answer["model"], width=width, height=height, params=answer["params"])
-    matrix = np.array(answer["camera_from_model"])
+def _view(name: str, image: LocalisedImage) -> AnyView:
+    camera = pycolmap.Camera(model=image.model, width=image.width, height=image.height, params=image.params)
+    matrix = np.array(image.camera_from_model)
     return View(name, camera_from_pycolmap(camera), RigidTransform(matrix[:, :3], matrix[:, 3]))

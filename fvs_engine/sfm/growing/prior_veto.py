@@ -4,6 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
+from fvs_engine.sfm.answers import PairVeto
 from fvs_engine.sfm.colmap.database import restore_pairs
 from fvs_engine.sfm.matching.match import match_pairs
 from fvs_engine.sfm.pose_priors import PosePriors
@@ -51,15 +52,15 @@ def veto(stages: Stages, model_dir: Path, names: Sequence[str], priors: PosePrio
         "priors": priors.model_dump(mode="json"),
     }
     with stages.timed("veto"):
-        answer = stages.native("veto", arguments)  # computes with numbers only: no image can crash it
-    if not answer["believed"]:
+        answer = PairVeto.model_validate(stages.native("veto", arguments))  # numbers: no image can crash it
+    if not answer.believed:
         match_pairs(stages, restore_pairs(stages.folder.database))
-        support = answer["contradicted_support"]
+        support = answer.contradicted_support
         if support is not None and support < MIN_PRIOR_SUPPORT:
             return Veto(PosePriors(), informative=False, ignored=(PRIORS_IGNORED,))
     return Veto(
         priors,
-        answer["informative"],
-        () if answer["oriented"] else (_ORIENTATIONS_IGNORED,),
-        dict.fromkeys(answer["without"], _CONTRADICTED),
+        answer.informative,
+        () if answer.oriented else (_ORIENTATIONS_IGNORED,),
+        dict.fromkeys(answer.without, _CONTRADICTED),
     )

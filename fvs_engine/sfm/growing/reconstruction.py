@@ -10,7 +10,7 @@ import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
-from fvs_engine.errors import InvalidInputError, NativeJobError
+from fvs_engine.errors import DamagedOutputError, InvalidInputError, NativeJobError
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import leave_out
 from fvs_engine.sfm.batch.reconstruct import reconstruct
@@ -167,7 +167,7 @@ class GrowingReconstruction:
 
         Raises ``ReconstructionError`` when the first images support no model (they stay added, and the next
         call tries again with them), ``InvalidInputError`` for files that are missing, no images or have
-        changed, ``Cancelled``.
+        changed, ``DamagedOutputError`` when nothing can be added any more, ``Cancelled``.
         """
         quarantined = self.quarantined
         names = [name for name in dict.fromkeys(names) if name not in quarantined]
@@ -240,7 +240,7 @@ class GrowingReconstruction:
 
         The poses and intrinsics of the others stay; points that fewer than two of them saw are gone. When
         fewer than two registered images are left, the next images start a new model, in a frame of its own.
-        An image that was removed, or quarantined, can be added again.
+        An image that was removed, or quarantined, can be added again. Raises as ``add`` for damaged files.
         """
         self._remove(names)
         self._folder.sfm.quarantine.release(names)
@@ -336,6 +336,9 @@ class GrowingReconstruction:
 
     def _remove(self, names: Collection[str]) -> None:
         """Remove images from the state, the model and, once that is committed, the database."""
+        if not names:
+            return
+        self._require_sound_database()
         state = self._state.without(names)
         if len(state.registered) < _MIN_BOOTSTRAP:
             state = state.model_copy(update={"registered": (), "pending": tuple(state.images)})
@@ -357,9 +360,16 @@ class GrowingReconstruction:
             self._folder.sfm.remove_images(image_ids(database).keys() - self._state.images.keys())
 
     def _require_sound_database(self) -> None:
+        """Check the database; the model names its images by that one's ids, so no other replaces it."""
+        database, hint = self._folder.sfm.database, f"Delete {self._folder.root} and add the images again."
         if not self._database_is_sound:
-            require_sound_database(self._folder.sfm.database)
-            self._database_is_sound = True
+            try:
+                require_sound_database(database)
+            except DamagedOutputError as damage:
+                raise DamagedOutputError(damage.message, hint=hint) from damage
+        if self.registered and not database.exists():
+            raise DamagedOutputError(f"The feature database {database} is missing.", hint=hint)
+        self._database_is_sound = True
 
     def _extract_features(self, stages: Stages) -> list[str]:
         """Extract features of all added images; returns the images that have some."""

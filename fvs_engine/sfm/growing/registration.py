@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
+from fvs_engine.sfm.answers import GuidedRegistration
 from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.matching.witness import ask_witness
@@ -62,38 +63,37 @@ def register(
             on_event=lambda done: stages.monitor.report("registration", min(done, len(names)), len(names)),
         )
     stages.monitor.report("registration", len(names), len(names))
-    tried = tuple(names)
-    if guided is not None:
-        tried, answer = tuple(answer["looked_at"]), answer["registration"]
-        if answer is None:  # nothing could be guided
-            return ModelChange(state, tried=tried)
-    posed = set(answer["posed"])
+    answered = (
+        GuidedRegistration(looked_at=names, registration=answer)
+        if guided is None
+        else GuidedRegistration.model_validate(answer)
+    )
+    tried, done = answered.looked_at, answered.registration
+    if done is None:  # nothing could be guided
+        return ModelChange(state, tried=tried)
+    posed = set(done.posed)
     lost = [name for name in state.registered if name not in posed]
     warnings = [
-        not_registered(name, reason)
-        for name, reason in answer["rejected"].items()
-        if name not in state.rejected
+        not_registered(name, reason) for name, reason in done.rejected.items() if name not in state.rejected
     ]
     if lost:
         warnings.append(f"Global bundle adjustment left {', '.join(lost)} without a pose.")
-    loose = [name for name in answer["loose"] if name in without]
+    loose = [name for name in done.loose if name in without]
     if loose:
         warnings.append(doubtful(few_matches(loose)))
-    if unscaled := [name for name in answer["unscaled"] if name in without]:
+    if unscaled := [name for name in done.unscaled if name in without]:
         warnings.append(doubtful(unknown_distance(unscaled)))
     confirmed = priors.by_name if informative else ()
-    if conflicting := [pair for pair in answer["conflicting"] if not all(name in confirmed for name in pair)]:
+    if conflicting := [pair for pair in done.conflicting if not all(name in confirmed for name in pair)]:
         warnings.append(doubtful(two_places(conflicting)))
-    support = answer["match_support"]
+    support = done.match_support
     if support is not None and support < settings.gate.min_match_support:
         warnings.append(doubtful(f"{support:.1%} of the verified matches fit them."))
     kept = [name for name in state.registered if name in posed]
-    state = state.model_copy(update={"rejected": state.rejected | answer["rejected"]})
+    state = state.model_copy(update={"rejected": state.rejected | done.rejected})
     return ModelChange(
-        state.with_poses(
-            [*kept, *answer["registered"]], answer["adjusted_images"], answer["adjusted_points"]
-        ),
-        changed=bool(answer["registered"] or lost or support is not None),
+        state.with_poses([*kept, *done.registered], done.adjusted_images, done.adjusted_points),
+        changed=bool(done.registered or lost or support is not None),
         match_support=support,
         warnings=tuple(warnings),
         tried=tried,

@@ -17,6 +17,7 @@ from collections.abc import Callable
 from typing import Any
 
 from fvs_engine.child_process import kill_with_parent
+from fvs_engine.records import Record
 
 
 def main() -> None:
@@ -52,6 +53,8 @@ def _run(job: Callable[..., Any], order: dict[str, Any], answers: int) -> None:
     try:
         os.chdir(order["folder"])
         result = job(lambda event: _answer(answers, {"event": event}), **order["arguments"])
+        if isinstance(result, Record):
+            result = result.model_dump(mode="json")
     except Exception as error:
         traceback.print_exc()
         _answer(answers, {"error": str(error) or type(error).__name__})

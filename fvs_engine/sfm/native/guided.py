@@ -10,6 +10,7 @@ import numpy as np
 import pycolmap
 
 from fvs_engine.geometry import RigidTransform
+from fvs_engine.sfm.answers import GuidedRegistration
 from fvs_engine.sfm.colmap.database import image_cameras, image_ids
 from fvs_engine.sfm.colmap.guided_pairs import Pair, take_back_guided_pairs, write_guided_pairs
 from fvs_engine.sfm.colmap.model import camera_poses, rigid_to_pycolmap
@@ -33,16 +34,13 @@ _FITTING = TIGHT / 2
 
 def register_guided(
     report: Report, *, neighbours: dict[str, list[str]], tried: list[str], **registration: Any
-) -> dict[str, Any]:
+) -> GuidedRegistration:
     """Register images as ``register`` does with ``registration``, with pairs that pose priors guide.
 
     ``neighbours``: unregistered images → the registered ones that they should overlap. ``tried``: images that
     were looked at before, the one looked at last being the last. Points in only two
     images are used, too, which ordinary registration leaves out: at the border of a model there are hardly
     any others. Pairs of images that are not registered then are taken back.
-
-    Returns the names of the images ``looked_at``, whose number per call is limited if they can be matched,
-    and the ``registration``, as ``register`` does; None when no image has a guided pose that can be believed.
     """
     database = registration["database"]
     model = pycolmap.Reconstruction(registration["model_dir"])
@@ -50,13 +48,13 @@ def register_guided(
     poses = camera_poses(model)
     frame = believed_frame(priors, poses)
     if frame is None:
-        return {"looked_at": list(neighbours), "registration": None}
+        return GuidedRegistration(looked_at=list(neighbours), registration=None)
     # Only intrinsics that the model has estimated: with a guessed focal length every window is wrong.
     estimated = {image.camera_id for image in model.images.values() if image.has_pose}
     cameras = image_cameras(Path(database))
     ready = [name for name in neighbours if cameras[name] in estimated]
     if not ready:
-        return {"looked_at": list(neighbours), "registration": None}
+        return GuidedRegistration(looked_at=list(neighbours), registration=None)
     take_back_guided_pairs(Path(database), poses)  # of a call that crashed
     points = set(model.point3D_ids())
     add_two_view_points(
@@ -66,7 +64,7 @@ def register_guided(
     found, matched = _guided_geometries(model, database, neighbours, expected)
     looked_at = [name for name in neighbours if name not in ready or name in matched]
     if not found:
-        return {"looked_at": looked_at, "registration": None}
+        return GuidedRegistration(looked_at=looked_at, registration=None)
     color_points(model, registration["image_dir"], points, ())
     write_guided_pairs(Path(database), found)
     with tempfile.TemporaryDirectory() as folder:
@@ -76,8 +74,8 @@ def register_guided(
             report,
             **registration | {"model_dir": folder, "adjusted_points": grown, "two_view_points": True},
         )
-    take_back_guided_pairs(Path(database), answer["posed"])
-    return {"looked_at": looked_at, "registration": answer}
+    take_back_guided_pairs(Path(database), answer.posed)
+    return GuidedRegistration(looked_at=looked_at, registration=answer)
 
 
 def _expected_poses(

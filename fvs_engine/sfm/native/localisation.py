@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 import pycolmap
 
+from fvs_engine.sfm.answers import Localisation, LocalisedImage
 from fvs_engine.sfm.colmap.database import VerifiedPair, image_ids, read_keypoints, read_verified_pairs
 from fvs_engine.sfm.colmap.model import rigid_from_pycolmap, rigid_to_pycolmap
 from fvs_engine.sfm.native.known_points import points_seen
@@ -44,12 +45,11 @@ def localise(
     priors: dict[str, Any],
     min_image_support: float,
     seed: int,
-) -> dict[str, dict[str, Any]]:
+) -> Localisation:
     """Estimate the poses of images from their matches with ``neighbours`` in a model, which does not change.
 
     ``siblings`` maps images to one in the model that was taken with the same camera; the focal length of the
-    others is estimated. Returns, for those that could be localised, name → camera model, size, parameters
-    and camera_from_model [3, 4].
+    others is estimated.
     """
     model = pycolmap.Reconstruction(model_dir)
     ids = image_ids(Path(database))
@@ -74,7 +74,7 @@ def localise(
             cameras[name] = opened.read_camera(opened.read_image(ids[name]).camera_id)
     check = PoseCheck(translated, features, min_image_support, PosePriors.model_validate(priors))
     sigma_px = max(error_sigma_px(model), MIN_SIGMA_PX)
-    localised: dict[str, dict[str, Any]] = {}
+    localised: dict[str, LocalisedImage] = {}
     for done, (name, guest) in enumerate(guests.items(), start=1):
         sibling = model.image(in_model[siblings[name]]).camera if name in siblings else None
         own = [pair for pair in translated if guest in (pair.first, pair.second)]
@@ -82,16 +82,17 @@ def localise(
         if found and check.contradiction(model, guest) is None:
             image = model.image(guest)
             camera = model.camera(image.camera_id)
-            localised[name] = {
-                "model": camera.model_name,
-                "size": [camera.width, camera.height],
-                "params": list(camera.params),
-                "camera_from_model": image.cam_from_world().matrix().tolist(),
-            }
+            localised[name] = LocalisedImage(
+                model=camera.model_name,
+                width=camera.width,
+                height=camera.height,
+                params=tuple(camera.params),
+                camera_from_model=image.cam_from_world().matrix().tolist(),
+            )
         if found:
             model.deregister_frame(model.image(guest).frame_id)
         report(done)
-    return localised
+    return Localisation(images=localised)
 
 
 def _estimate_pose(

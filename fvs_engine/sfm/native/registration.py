@@ -12,6 +12,7 @@ import pycolmap
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.alignment.cameras import align_poses
+from fvs_engine.sfm.answers import Registration
 from fvs_engine.sfm.colmap.model import camera_poses, move
 from fvs_engine.sfm.native.match_cache import load_all, load_around, set_cameras
 from fvs_engine.sfm.native.points_of_others import Rays
@@ -71,17 +72,11 @@ def register(
     seed: int,
     threads: int | None,
     two_view_points: bool = False,
-) -> dict[str, Any]:
+) -> Registration:
     """Register ``names`` in the model as far as possible; writes the new model to ``out_dir``.
 
     ``refine`` and ``lens`` as for ``RobustAdjustment``. ``priors`` are ``PosePriors`` as JSON, ``witness`` is
     the witness's database. ``two_view_points``: triangulate points that only two images show, too.
-
-    Returns the names newly ``registered``, those of them that few matches join with the rest (``loose``) and
-    those whose distance to their neighbours nothing confirms (``unscaled``), the pairs with a new image that
-    should show the same and do not (``conflicting``), all ``posed`` names, those
-    ``rejected`` with the reasons, the model's size at its last global bundle adjustment, and, if one was now,
-    its ``match_support``.
     """
     pycolmap.set_random_seed(seed)
     model = pycolmap.Reconstruction(model_dir)
@@ -111,19 +106,19 @@ def register(
     model.update_point_3d_errors()
     model.write_binary(out_dir)
     loose = growth.check.loosely_linked(model) if registered else frozenset()
-    return {
-        "registered": registered,
-        "loose": [name for name in registered if name in loose],
-        "unscaled": growth.check.unscaled(model, registered) if registered else [],
-        "conflicting": growth.check.conflicting(model, registered),
-        "posed": sorted(posed),
-        "rejected": growth.rejected,
-        "adjusted_images": min(adjustments.images, model.num_reg_images()),
-        "adjusted_points": adjustments.points,
-        "match_support": PoseCheck.read(database, min_image_support, PosePriors()).match_support(model)
+    return Registration(
+        registered=registered,
+        loose=[name for name in registered if name in loose],
+        unscaled=growth.check.unscaled(model, registered) if registered else (),
+        conflicting=growth.check.conflicting(model, registered),
+        posed=sorted(posed),
+        rejected=growth.rejected,
+        adjusted_images=min(adjustments.images, model.num_reg_images()),
+        adjusted_points=adjustments.points,
+        match_support=PoseCheck.read(database, min_image_support, PosePriors()).match_support(model)
         if growth.adjusted
         else None,
-    }
+    )
 
 
 def _pipeline_options(

@@ -9,6 +9,7 @@ import pycolmap
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
+from fvs_engine.sfm.answers import PairVeto
 from fvs_engine.sfm.colmap.database import (
     VerifiedPair,
     image_cameras,
@@ -33,14 +34,8 @@ _MOST_PAIRS = 60
 
 def veto(
     _report: Report, *, database: str, model_dir: str, names: list[str], priors: dict[str, Any]
-) -> dict[str, Any]:
-    """Veto pairs of ``names``, images that are not in the model, which ``priors`` (as JSON) contradict.
-
-    Nothing is vetoed when the priors do not agree with the model: ``contradicted_support`` is then their
-    support by the pairs in the model, else None. ``without``: those of ``names`` that no chain of verified
-    pairs joins with the model any more. ``oriented``: False when orientations are not believed.
-    ``informative``: whether the positions can judge the poses of other images.
-    """
+) -> PairVeto:
+    """Veto pairs of ``names``, images that are not in the model, which ``priors`` (as JSON) contradict."""
     model = pycolmap.Reconstruction(model_dir)
     poses = camera_poses(model)
     known = PosePriors.model_validate(priors)
@@ -51,13 +46,7 @@ def veto(
     every = read_verified_pairs(path, MIN_PAIR_MATCHES)
     if frame is None:
         support = _support(model, every, path, known)
-        return {
-            "believed": False,
-            "oriented": oriented,
-            "informative": judges,
-            "contradicted_support": support,
-            "without": [],
-        }
+        return PairVeto(believed=False, oriented=oriented, informative=judges, contradicted_support=support)
     ids = image_ids(path)
     numbers = {ids[name] for name in names}
     # Only intrinsics that the model has estimated: with a guessed focal length every direction is wrong.
@@ -82,13 +71,8 @@ def veto(
     left = [(pair.first, pair.second) for pair in every if id(pair) not in gone]
     lost = {i for pair in vetoed for i in (pair.first, pair.second)}
     lost -= _joined({ids[name] for name in poses if name in ids}, left)
-    return {
-        "believed": True,
-        "oriented": oriented,
-        "informative": judges,
-        "contradicted_support": None,
-        "without": [name for name in names if ids[name] in lost],
-    }
+    without = tuple(name for name in names if ids[name] in lost)
+    return PairVeto(believed=True, oriented=oriented, informative=judges, without=without)
 
 
 def _joined(start: set[int], pairs: Sequence[tuple[int, int]]) -> set[int]:

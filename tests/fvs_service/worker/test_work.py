@@ -22,7 +22,7 @@ from fvs_service.worker.runner.request_queue import RequestQueue
 from fvs_service.worker.runner.scene_jobs import SceneJobs
 from granted_scenes import GrantedScenes
 
-from fvs_engine.errors import Cancelled, OtherSettingsError
+from fvs_engine.errors import Cancelled, DamagedOutputError, OtherSettingsError
 from fvs_engine.monitor import Monitor
 
 
@@ -149,7 +149,30 @@ def test_a_scene_of_other_settings_is_reconstructed_from_scratch(
     assert _jobs(tmp_path).run(_request(trains=False), _monitor(), warnings.append) is None
     assert scene.calls == ["add", "save"]
     assert not kept.exists()
-    assert warnings == ["The scene was reconstructed from scratch: the settings of the service have changed."]
+    assert warnings == [
+        "The settings of the service have changed. So the scene was reconstructed from scratch."
+    ]
+
+
+def test_a_damaged_scene_is_reconstructed_from_scratch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, damaged = Scene(), tmp_path / "growing" / "damaged"
+    damaged.parent.mkdir()
+    damaged.touch()
+
+    class Damaged(Scene):
+        def add(self, *_: Any, **__: Any) -> Any:
+            raise DamagedOutputError("The feature database is damaged.")
+
+    images = {name: cast(Any, SimpleNamespace(digest=name)) for name in ("a", "b")}
+    monkeypatch.setattr(scene_jobs, "prepare_images", lambda *_: PreparedImages(images, {}))
+    monkeypatch.setattr(scene_jobs, "pose_priors", lambda *_: {})
+    monkeypatch.setattr(scene_jobs.GrowingScene, "open", lambda *_: Damaged() if damaged.exists() else scene)
+    warnings: list[str] = []
+    assert _jobs(tmp_path).run(_request(trains=False), _monitor(), warnings.append) is None
+    assert scene.calls == ["add", "save"]
+    assert warnings == ["The feature database is damaged. So the scene was reconstructed from scratch."]
 
 
 def test_a_runner_registers_alone_what_its_worker_does_not_train(

@@ -12,7 +12,13 @@ from typing import Literal
 
 import numpy as np
 
-from fvs_engine.errors import InvalidInputError, OtherSettingsError, ReconstructionError, TrainingError
+from fvs_engine.errors import (
+    DamagedOutputError,
+    InvalidInputError,
+    OtherSettingsError,
+    ReconstructionError,
+    TrainingError,
+)
 from fvs_engine.hold_out import hold_out_views
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
@@ -95,9 +101,13 @@ class SceneJobs:
         None when the request leaves the training to another worker, which continues from the checkpoint.
         """
         try:
-            if request.request.kind is JobKind.UPDATE:
+            if request.request.kind is not JobKind.UPDATE:
+                return self._fine(request, monitor, warn, quarantine)
+            try:
                 return self._update(request, monitor, warn, quarantine, publish)
-            return self._fine(request, monitor, warn, quarantine)
+            except DamagedOutputError as damage:
+                self._start_again(damage.message, warn)
+                return self._update(request, monitor, warn, quarantine, publish)
         except BaseException:
             self._scene = None  # what is in memory may be ahead of what is on disk, or differ from it
             raise
@@ -242,10 +252,15 @@ class SceneJobs:
             try:
                 self._scene = self._growing(settings, monitor)
             except OtherSettingsError:
-                warn("The scene was reconstructed from scratch: the settings of the service have changed.")
-                shutil.rmtree(self._folder.growing)
+                self._start_again("The settings of the service have changed.", warn)
                 self._scene = self._growing(settings, monitor)
         return self._scene
+
+    def _start_again(self, reason: str, warn: Warn) -> None:
+        """Delete the growing scene, which the photographs suffice to make; ``reason`` is a sentence."""
+        warn(f"{reason} So the scene was reconstructed from scratch.")
+        self._scene = None
+        shutil.rmtree(self._folder.growing)
 
     def _growing(self, settings: SceneSettings, monitor: Monitor) -> GrowingScene:
         dataset = Dataset("scene", self._folder.images, (), arriving=True)

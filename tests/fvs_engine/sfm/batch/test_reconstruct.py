@@ -9,7 +9,13 @@ import pycolmap
 import pytest
 from PIL import Image
 
-from fvs_engine.errors import Cancelled, NoImagesError, ReconstructionError
+from fvs_engine.errors import (
+    Cancelled,
+    DamagedOutputError,
+    NoImagesError,
+    ReconstructionError,
+    StorageError,
+)
 from fvs_engine.geometry import PinholeCamera
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.sfm import stages as stages_module
@@ -262,7 +268,7 @@ def test_a_damaged_database_is_named(
     data = bytearray((folder / "database.db").read_bytes())
     data[:4096] = bytes(4096)
     (folder / "database.db").write_bytes(data)
-    with pytest.raises(ReconstructionError, match=r"database\.db is damaged") as caught:
+    with pytest.raises(DamagedOutputError, match=r"database\.db is damaged") as caught:
         reconstruct(kermit_dir, kermit_names, folder, SfmSettings(), Monitor())
     assert "Delete" in caught.value.hint
 
@@ -275,7 +281,7 @@ def test_a_database_that_another_process_holds_is_named(
     other = sqlite3.connect(folder / "database.db")
     try:
         other.execute("BEGIN EXCLUSIVE")
-        with pytest.raises(ReconstructionError, match="Another process"):
+        with pytest.raises(StorageError, match="Another process"):
             reconstruct(kermit_dir, kermit_names, folder, SfmSettings(), Monitor())
     finally:
         other.rollback()

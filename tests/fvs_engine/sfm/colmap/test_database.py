@@ -7,9 +7,11 @@ import numpy as np
 import pycolmap
 import pytest
 
+from fvs_engine.errors import DamagedOutputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import (
+    count_rows,
     image_cameras,
     image_ids,
     read_verified_pairs,
@@ -46,6 +48,14 @@ def test_a_whole_database_is_left_alone(
     shutil.copyfile(kermit_sfm.model_dir.parent / "database.db", path)
     require_sound_database(path)
     assert sorted(image_cameras(path)) == kermit_names
+
+
+def test_a_database_that_is_damaged_while_it_is_used_is_named(tmp_path: Path) -> None:
+    path = tmp_path / "database.db"
+    path.write_bytes(b"no database" * 1000)
+    with pytest.raises(DamagedOutputError, match=r"database\.db is damaged"):
+        image_ids(path)
+    assert count_rows(path, "images") == 0
 
 
 @pytest.mark.usefixtures("native_here")

@@ -12,6 +12,7 @@ import pytest
 
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.answers import GuidedRegistration
 from fvs_engine.sfm.batch.mapping import leave_out
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import image_cameras, image_ids, pair_number, verified_matches
@@ -81,9 +82,9 @@ def test_a_photograph_without_matches_is_registered_by_its_prior(
     unmatched: dict[str, Any], kermit_sfm: SfmResult
 ):
     (name,) = unmatched["names"]
-    answer = register_guided(lambda _: None, **unmatched)["registration"]
+    answer = register_guided(lambda _: None, **unmatched).registration
     assert answer is not None
-    assert answer["registered"] == [name]
+    assert answer.registered == (name,)
     assert any(name in pair for pair in verified_matches(Path(unmatched["database"]), 15))
     truth = camera_poses(pycolmap.Reconstruction(kermit_sfm.model_dir))
     here = camera_poses(pycolmap.Reconstruction(unmatched["out_dir"]))
@@ -248,7 +249,7 @@ def test_a_photograph_that_shows_something_else_stays_as_it_was(unmatched: dict[
         ((data, rows),) = db.execute("SELECT data, rows FROM descriptors WHERE image_id = ?", (number,))
         mixed = np.random.default_rng(0).permutation(np.frombuffer(data, np.uint8).reshape(rows, 128))
         db.execute("UPDATE descriptors SET data = ? WHERE image_id = ?", (mixed.tobytes(), number))
-    assert register_guided(lambda _: None, **unmatched)["registration"] is None
+    assert register_guided(lambda _: None, **unmatched).registration is None
     assert not any(name in pair for pair in verified_matches(database, 1))
 
 
@@ -263,10 +264,13 @@ def test_images_of_a_camera_that_is_not_estimated_take_no_place_of_others(
     waiting = unmatched | {"neighbours": {other: neighbours, name: neighbours}, "names": [other, name]}
     monkeypatch.setattr(guided_module, "_MOST_LOOKED_AT", 1)
     tried = register_guided(lambda _: None, **waiting)
-    assert tried["looked_at"] == [other, name]
-    assert name in tried["registration"]["registered"]
+    assert tried.looked_at == (other, name)
+    assert tried.registration is not None
+    assert name in tried.registration.registered
     del waiting["neighbours"][name]
-    assert register_guided(lambda _: None, **waiting) == {"looked_at": [other], "registration": None}
+    assert register_guided(lambda _: None, **waiting) == GuidedRegistration(
+        looked_at=(other,), registration=None
+    )
 
 
 def test_an_image_that_a_call_does_not_get_to_counts_as_not_tried(
@@ -277,21 +281,21 @@ def test_an_image_that_a_call_does_not_get_to_counts_as_not_tried(
     neighbours = [each for each in kermit_names if each not in (name, other)]
     waiting = unmatched | {"neighbours": {name: neighbours, other: neighbours}, "names": [name, other]}
     monkeypatch.setattr(guided_module, "_MOST_GUIDED", 1)
-    assert register_guided(lambda _: None, **waiting)["looked_at"] == [name]
+    assert register_guided(lambda _: None, **waiting).looked_at == (name,)
     third = neighbours.pop()
     take_out(third, unmatched)
     waiting["neighbours"] = dict.fromkeys([name, other, third], neighbours)
     monkeypatch.setattr(guided_module, "_MOST_GUIDED", 2)
     for tried, chosen in (([other], third), ([third, other], third), ([other, third], other)):
-        looked_at = register_guided(lambda _: None, **waiting | {"tried": tried})["looked_at"]
+        looked_at = register_guided(lambda _: None, **waiting | {"tried": tried}).looked_at
         assert set(looked_at) == {name, chosen}
 
 
 def test_pairs_of_an_image_that_is_not_registered_are_taken_back(unmatched: dict[str, Any]):
     """The check of poses rejects it: no pose explains more matches than there are."""
     (name,) = unmatched["names"]
-    answer = register_guided(lambda _: None, **unmatched | {"min_image_support": 1.1})["registration"]
+    answer = register_guided(lambda _: None, **unmatched | {"min_image_support": 1.1}).registration
     assert answer is not None
-    assert answer["registered"] == []
-    assert name in answer["rejected"]
+    assert answer.registered == ()
+    assert name in answer.rejected
     assert not any(name in pair for pair in verified_matches(Path(unmatched["database"]), 1))

@@ -14,7 +14,7 @@ import pytest
 from growing_yard import FIRST, NEXT, SETTINGS, Grown, copy_of, model_bytes
 from PIL import Image
 
-from fvs_engine.errors import Cancelled, InvalidInputError, StorageError
+from fvs_engine.errors import Cancelled, DamagedOutputError, InvalidInputError, StorageError
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.sfm.growing import step as step_module
 from fvs_engine.sfm.growing.model_change import ModelChange
@@ -153,6 +153,24 @@ def test_a_folder_of_other_settings_is_refused(grown: Grown, images: Path):
     with pytest.raises(InvalidInputError, match="other settings"):
         GrowingReconstruction.open(grown.bootstrapped, images, SfmSettings(seed=1), Monitor())
     GrowingReconstruction.open(grown.bootstrapped, images, SfmSettings(threads=2), Monitor())
+
+
+@pytest.mark.parametrize(("damage", "named"), [("write", "is damaged"), ("unlink", "is missing")])
+def test_nothing_is_added_to_or_removed_from_a_damaged_database(
+    damage: str, named: str, grown: Grown, images: Path, tmp_path: Path
+):
+    """The model names its images by the database's ids, so another database does not replace it."""
+    folder = copy_of(grown.bootstrapped, tmp_path)
+    database = folder / "sfm" / "database.db"
+    database.unlink()
+    if damage == "write":
+        database.write_bytes(b"no database" * 1000)
+    growing = GrowingReconstruction.open(folder, images, SETTINGS, Monitor())
+    for change in (lambda: growing.add([NEXT], Monitor()), lambda: growing.remove([FIRST[0]])):
+        with pytest.raises(DamagedOutputError, match=named) as caught:
+            change()
+    assert caught.value.hint == f"Delete {folder} and add the images again."
+    assert not growing.quarantined
 
 
 def test_a_damaged_state_is_named(grown: Grown, images: Path, tmp_path: Path):

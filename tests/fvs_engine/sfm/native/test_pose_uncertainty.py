@@ -193,6 +193,6 @@ def test_the_job_rejects_an_uncertain_image(tmp_path: Path):
         seed=0,
         threads=1,
     )
-    assert answer["registered"] == []
-    assert "position uncertain" in answer["rejected"][NAME]
-    assert NAME not in answer["posed"]
+    assert answer.registered == ()
+    assert "position uncertain" in answer.rejected[NAME]
+    assert NAME not in answer.posed

@@ -55,8 +55,8 @@ def test_an_image_is_rejected_after_the_camera_got_its_lens(
         seed=0,
         threads=1,
     )
-    assert answer["registered"] == [right]
-    assert list(answer["rejected"]) == [wrong]
+    assert answer.registered == (right,)
+    assert list(answer.rejected) == [wrong]
     assert pycolmap.Reconstruction(tmp_path / "out").camera(1).model_name == "RADIAL"
 
 

@@ -43,4 +43,4 @@ def test_images_that_match_each_other_alone_are_named(
         names=new,
         priors={"by_name": {}},
     )
-    assert answer["without"] == (new if cut == "model" else new[:1])
+    assert answer.without == tuple(new if cut == "model" else new[:1])
