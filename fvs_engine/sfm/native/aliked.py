@@ -3,7 +3,7 @@
 They are stored in a separate database, with the image ids of the SIFT database: pairs of the two never mix.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -14,11 +14,10 @@ from PIL import Image
 
 from fvs_engine.sfm.aliked.matching import match
 from fvs_engine.sfm.colmap.database import image_ids
+from fvs_engine.sfm.native.report import Report
 
 if TYPE_CHECKING:
     from fvs_engine.sfm.aliked.features import AlikedFeatures
-
-Report = Callable[[int], None]
 
 _HALF = 2
 """Bytes per descriptor element: half precision changes no match and halves the file."""

@@ -1,7 +1,7 @@
 """The native job that registers images by matches that their expected poses guide."""
 
 import tempfile
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from contextlib import closing
 from pathlib import Path
 from typing import Any
@@ -18,12 +18,11 @@ from fvs_engine.sfm.native.guided_matching import TIGHT, GuidedPose, guided_pose
 from fvs_engine.sfm.native.known_points import Features, Indices, KnownPoints, camera_of
 from fvs_engine.sfm.native.prior_pose import ExpectedPose, expected_poses
 from fvs_engine.sfm.native.registration import color_points, register
+from fvs_engine.sfm.native.report import Report
 from fvs_engine.sfm.native.two_view_points import add_two_view_points
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, supported
 from fvs_engine.sfm.verification.prior_frame import PriorFrame, believed_frame
-
-Report = Callable[[int], None]
 
 _MOST_LOOKED_AT, _MOST_GUIDED = 12, 4
 """Images per call whose known points are read (0.1 s each), and that are matched (up to 0.4 s each)."""

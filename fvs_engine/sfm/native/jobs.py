@@ -16,9 +16,8 @@ import pycolmap
 from fvs_engine.sfm.colmap.database import image_ids, remove_images
 from fvs_engine.sfm.native.matching import match
 from fvs_engine.sfm.native.pose_review import review_poses
+from fvs_engine.sfm.native.report import Report
 from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment, remove_outliers
-
-Report = Callable[[int], None]
 
 
 def _threads(threads: int | None) -> int:

@@ -1,6 +1,6 @@
 """The native jobs that localise images in a model without changing it."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -13,11 +13,10 @@ from fvs_engine.sfm.colmap.model import rigid_from_pycolmap, rigid_to_pycolmap
 from fvs_engine.sfm.native.known_points import points_seen
 from fvs_engine.sfm.native.pose_check import Keypoints, PoseCheck
 from fvs_engine.sfm.native.pose_search import MIN_POSE_POINTS, MIN_SIGMA_PX, best_pose
+from fvs_engine.sfm.native.report import Report
 from fvs_engine.sfm.native.robust_adjustment import error_sigma_px
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
-
-Report = Callable[[int], None]
 
 
 def copy_features(_report: Report, *, source: str, target: str, names: list[str]) -> None:

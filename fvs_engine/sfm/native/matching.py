@@ -11,7 +11,7 @@ import shutil
 import signal
 import sys
 import traceback
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,8 +20,7 @@ import pycolmap
 from fvs_engine.child_process import kill_with_parent
 from fvs_engine.sfm.colmap.database import delete_database
 from fvs_engine.sfm.colmap.part_database import Pair, attached, write_part
-
-Report = Callable[[int], None]
+from fvs_engine.sfm.native.report import Report
 
 _LEAST_PAIRS = 4
 """Number of pairs below which a further process costs more time than it saves."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pycolmap
 
+from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.sfm.colmap.model import camera_poses
 from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment
 from fvs_engine.sfm.pose_priors import PosePriors
@@ -32,7 +33,7 @@ def adjust_with_priors(adjustment: RobustAdjustment, priors: PosePriors, seed: i
     images = [model.image(image_id) for image_id in model.reg_image_ids()]
     known = [image for image in images if image.name in priors.by_name and image.name not in wrong]
     world = priors.positions([image.name for image in known])
-    least = _LEAST_SIGMA_SHARE * float(np.sqrt(((world - world.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    least = _LEAST_SIGMA_SHARE * centre_spread(world)
     positions = []
     for image in known:
         prior = priors.by_name[image.name]

@@ -1,7 +1,7 @@
 """The native job that registers images in an existing model."""
 
 from collections import Counter
-from collections.abc import Callable, Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -21,6 +21,7 @@ from fvs_engine.sfm.native.pose_review import review_poses
 from fvs_engine.sfm.native.pose_uncertainty import MAX_SHARE, position_share, why_uncertain
 from fvs_engine.sfm.native.prior_adjustment import adjust_with_priors
 from fvs_engine.sfm.native.prior_pose import expected_poses
+from fvs_engine.sfm.native.report import Report
 from fvs_engine.sfm.native.robust_adjustment import (
     RobustAdjustment,
     error_sigma_px,
@@ -30,8 +31,6 @@ from fvs_engine.sfm.native.robust_adjustment import (
 )
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.prior_frame import believed_frame
-
-Report = Callable[[int], None]
 
 _MAX_REJECTIONS = 3
 """Number of rejections of an image's pose in one call after which it is not retried."""

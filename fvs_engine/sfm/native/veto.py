@@ -1,6 +1,6 @@
 """The native job that vetoes verified pairs which the pose priors contradict."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -19,14 +19,13 @@ from fvs_engine.sfm.colmap.database import (
     veto_pairs,
 )
 from fvs_engine.sfm.colmap.model import camera_poses
+from fvs_engine.sfm.native.report import Report
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.contradicted_pairs import contradicted_pairs
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
 from fvs_engine.sfm.verification.positions import contradict, informative
 from fvs_engine.sfm.verification.prior_frame import believed_frame, orientations_contradict
 from fvs_engine.sfm.verification.prior_support import prior_support
-
-Report = Callable[[int], None]
 
 _MOST_PAIRS = 60
 """Maximum number of pairs to check: more do not improve the estimate, and each takes 10 ms."""

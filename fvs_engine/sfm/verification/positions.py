@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.geometry.alignment.similarity import AlignmentReport, robust_umeyama, umeyama
 from fvs_engine.sfm.colmap.database import gps_positions, image_ids
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
@@ -107,8 +108,7 @@ def align_positions(
         report = robust_umeyama(model, world)
     except InvalidInputError:  # all coincide, or no three agree
         return None
-    landed = world[report.inliers]
-    spread = float(np.sqrt(((landed - landed.mean(axis=0)) ** 2).sum(axis=1).mean()))
+    spread = centre_spread(world[report.inliers])
     if spread < _MIN_TRACK * float(np.median(priors.position_sigmas(shared))):
         return None
     return report, np.linalg.norm(report.transform.apply(model) - world, axis=1), spread
