@@ -34,7 +34,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.geometry.alignment.similarity import robust_umeyama, umeyama
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.batch.mapping import MappedScene, ModelEvidence, registered_names
+from fvs_engine.sfm.batch.mapping import MappedModel, ModelEvidence, registered_names
 from fvs_engine.sfm.colmap.database import focal_length_priors, read_keypoints, read_verified_pairs
 from fvs_engine.sfm.matching.witness import ask_witness
 from fvs_engine.sfm.pose_priors import PosePriors
@@ -151,7 +151,7 @@ def _cases(
             for kind in group
         }
         found.append(
-            [MappedScene.of_models(kind, [make()], of[kind], Monitor()) for kind, make in group.items()]
+            [MappedModel.of_models(kind, [make()], of[kind], Monitor()) for kind, make in group.items()]
         )
     judged = [_judge(scenes, wrong) for scenes in found]
     open_ = {name: _judge(found[2], wrong, settings) for name, settings in _OPEN.items()}
@@ -166,7 +166,7 @@ def _cases(
             _link_share(found[0][k], evidence),
             _link_share(found[5][k], evidence) if witness else None,
             _depth_error(found[1][k].model, evidence),
-            _supports(found[2][k].candidate.evidence),
+            _supports(found[2][k].judged.evidence),
             judged[0][k],
             judged[1][k],
             judged[3][k] if witness else None,
@@ -180,16 +180,16 @@ def _cases(
 
 
 def _judge(
-    scenes: Sequence[MappedScene], wrong: Mapping[str, Set[str]], settings: GateSettings | None = None
+    models: Sequence[MappedModel], wrong: Mapping[str, Set[str]], settings: GateSettings | None = None
 ) -> list[Judged]:
-    judgements = decide([scene.candidate for scene in scenes], settings or GateSettings()).judgements
+    judgements = decide([model.judged for model in models], settings or GateSettings()).judgements
     return [
         Judged(
             judgement.verdict,
-            len(scene.candidate.centres.keys() & wrong[scene.candidate.mapper]),
-            (*scene.left_out, *scene.with_few_points),
+            len(model.judged.centres.keys() & wrong[model.judged.mapper]),
+            (*model.left_out, *model.with_few_points),
         )
-        for scene, judgement in zip(scenes, judgements, strict=True)
+        for model, judgement in zip(models, judgements, strict=True)
     ]
 
 
@@ -230,10 +230,10 @@ def wrong_images(found: Centres, truth: Centres) -> set[str]:
     return {name for name, share in zip(names, off, strict=True) if share > WRONG_SHARE}
 
 
-def _link_share(found: MappedScene, evidence: ModelEvidence) -> float:
+def _link_share(found: MappedModel, evidence: ModelEvidence) -> float:
     """The largest share at which no image is loose that the witness, where it was asked, does not connect."""
     checks = check_pairs(found.model, evidence.pairs, evidence.keypoints, relative_poses=False)
-    of = found.candidate.evidence
+    of = found.judged.evidence
     names = set(registered_names(found.model))
     asked = names if of is None or of.witness is None else set(of.witness.silent_on_images)
     # The more a link needs, the more images are loose.

@@ -30,7 +30,7 @@ from fvs_engine.sfm.stages import Stages, fresh_folder, rename_over
 from fvs_engine.sfm.verification.evidence import gather_evidence, gather_witness_evidence
 from fvs_engine.sfm.verification.gate import (
     MAX_UNSUPPORTED_SHARE,
-    Candidate,
+    JudgedModel,
     can_be_left_out,
     contradicted_images,
     priors_are_wrong,
@@ -81,7 +81,7 @@ class ModelEvidence:
 
 
 @dataclass(frozen=True, eq=False)
-class MappedScene:
+class MappedModel:
     """A mapper's largest model with the evidence for it, and the images of its smaller models.
 
     Images that were removed from the model: ``left_out``, because the evidence contradicts their poses, and
@@ -89,7 +89,7 @@ class MappedScene:
     """
 
     model: pycolmap.Reconstruction
-    candidate: Candidate
+    judged: JudgedModel
     other_components: tuple[tuple[str, ...], ...]
     left_out: tuple[str, ...] = ()
     with_few_points: tuple[str, ...] = ()
@@ -97,7 +97,7 @@ class MappedScene:
     @staticmethod
     def of_models(
         mapper: str, models: Sequence[pycolmap.Reconstruction], evidence_of: ModelEvidence, monitor: Monitor
-    ) -> "MappedScene":
+    ) -> "MappedModel":
         """Gather the evidence for the largest of ``models`` (sorted, largest first).
 
         Images that see hardly any points are removed when they are few, and so are those that every pair,
@@ -122,8 +122,8 @@ class MappedScene:
             if image.has_pose
         }
         others = tuple(registered_names(model) for model in models[1:])
-        candidate = Candidate(mapper, centres, evidence, by_witness)
-        return MappedScene(largest, candidate, others, tuple(left_out), tuple(with_few_points))
+        judged = JudgedModel(mapper, centres, evidence, by_witness)
+        return MappedModel(largest, judged, others, tuple(left_out), tuple(with_few_points))
 
 
 def read_model_evidence(
@@ -175,7 +175,7 @@ def calibrate_view_graph(stages: Stages) -> None:
     stages.monitor.report("calibration", 1, 1)
 
 
-def map_scene(stages: Stages, mapper: MapperName, image_dir: Path, count: int) -> Path:
+def run_mapper(stages: Stages, mapper: MapperName, image_dir: Path, count: int) -> Path:
     """Run ``mapper`` unless its models exist; returns their folder.
 
     The global one starts from the focal lengths of the view graph, which is calibrated first.

@@ -17,11 +17,11 @@ from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.images.names import listed
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import (
-    MappedScene,
+    MappedModel,
     ModelEvidence,
     load_models,
-    map_scene,
     read_model_evidence,
+    run_mapper,
 )
 from fvs_engine.sfm.colmap.database import image_ids, verified_pair_count
 from fvs_engine.sfm.colmap.model import from_pycolmap, read_colmap
@@ -90,9 +90,9 @@ def _reconstruct(
     extract_features(stages, image_dir, names)
     match_features(stages, names, priors)
     evidence = read_model_evidence(stages, priors, image_dir)
-    scenes = map_images(stages, image_dir, len(names), evidence)
-    decision = decide([scene.candidate for scene in scenes], stages.settings.gate)
-    return _conclude(stages, names, scenes, decision)
+    mapped = map_images(stages, image_dir, len(names), evidence)
+    decision = decide([each.judged for each in mapped], stages.settings.gate)
+    return _conclude(stages, names, mapped, decision)
 
 
 def finished_result(folder: SfmFolder) -> SfmResult | None:
@@ -106,54 +106,54 @@ def finished_result(folder: SfmFolder) -> SfmResult | None:
     return SfmResult(read_colmap(folder.sparse), report, folder.sparse)
 
 
-def map_images(stages: Stages, image_dir: Path, count: int, evidence: ModelEvidence) -> list[MappedScene]:
+def map_images(stages: Stages, image_dir: Path, count: int, evidence: ModelEvidence) -> list[MappedModel]:
     """The models of one mapper, and those of the other where the gate leaves doubt about the first."""
     small = count <= stages.settings.incremental_first_up_to
     order: tuple[MapperName, ...] = ("incremental", "global") if small else ("global", "incremental")
-    scenes: list[MappedScene] = []
+    mapped: list[MappedModel] = []
     for mapper in order:
-        models = load_models(map_scene(stages, mapper, image_dir, count))
+        models = load_models(run_mapper(stages, mapper, image_dir, count))
         if models:
-            scenes.append(MappedScene.of_models(mapper, models, evidence, stages.monitor))
-        if scenes and _certain(scenes[-1], count, stages.settings):
+            mapped.append(MappedModel.of_models(mapper, models, evidence, stages.monitor))
+        if mapped and _certain(mapped[-1], count, stages.settings):
             break
-    return scenes
+    return mapped
 
 
-def _certain(scene: MappedScene, count: int, settings: SfmSettings) -> bool:
-    evidence = scene.candidate.evidence
-    (judgement,) = decide([scene.candidate], settings.gate).judgements
+def _certain(mapped: MappedModel, count: int, settings: SfmSettings) -> bool:
+    evidence = mapped.judged.evidence
+    (judgement,) = decide([mapped.judged], settings.gate).judgements
     return (
         judgement.verdict == "accepted"
         and evidence is not None
         and evidence.match_support >= _NEAR_CERTAIN
-        and len(scene.candidate.centres) >= 0.9 * count
+        and len(mapped.judged.centres) >= 0.9 * count
     )
 
 
 def _conclude(
-    stages: Stages, names: Sequence[str], scenes: Sequence[MappedScene], decision: Decision
+    stages: Stages, names: Sequence[str], mapped: Sequence[MappedModel], decision: Decision
 ) -> SfmResult:
     """Write the chosen model and the report; raise when every model was rejected."""
     folder = stages.folder
     candidates = tuple(
         CandidateReport(
-            mapper=scene.candidate.mapper,
-            registered=len(scene.candidate.centres),
-            points=scene.model.num_points3D(),
-            mean_reprojection_error_px=scene.model.compute_mean_reprojection_error(),
-            evidence=scene.candidate.evidence,
+            mapper=each.judged.mapper,
+            registered=len(each.judged.centres),
+            points=each.model.num_points3D(),
+            mean_reprojection_error_px=each.model.compute_mean_reprojection_error(),
+            evidence=each.judged.evidence,
             verdict=judgement.verdict,
             reasons=judgement.reasons,
         )
-        for scene, judgement in zip(scenes, decision.judgements, strict=True)
+        for each, judgement in zip(mapped, decision.judgements, strict=True)
     )
     if decision.chosen is None:
         rejected = json.dumps([candidate.model_dump() for candidate in candidates], indent=2)
         write_text_atomically(folder.rejected, rejected)
         raise _failure(stages, names, candidates)
 
-    chosen = scenes[decision.chosen]
+    chosen = mapped[decision.chosen]
     reconstruction = from_pycolmap(chosen.model)
     report = _report(stages, names, chosen, candidates[decision.chosen], candidates, decision)
     stages.write_model(chosen.model)
@@ -164,7 +164,7 @@ def _conclude(
 def _report(
     stages: Stages,
     names: Sequence[str],
-    chosen: MappedScene,
+    chosen: MappedModel,
     kept: CandidateReport,
     candidates: tuple[CandidateReport, ...],
     decision: Decision,
@@ -193,7 +193,7 @@ def _report(
     )
 
 
-def model_warnings(names: Sequence[str], chosen: MappedScene) -> list[str]:
+def model_warnings(names: Sequence[str], chosen: MappedModel) -> list[str]:
     """Warnings about a model of the images ``names``: those without a pose, or with a weak one."""
     warnings = []
     explained = {*chosen.left_out, *chosen.with_few_points}.union(*chosen.other_components)
@@ -217,7 +217,7 @@ def model_warnings(names: Sequence[str], chosen: MappedScene) -> list[str]:
             f"Left out {_counted(chosen.with_few_points, names)}: {listed(chosen.with_few_points)}. They "
             "show hardly any point of the model. Photograph what connects them with the others."
         )
-    evidence = chosen.candidate.evidence
+    evidence = chosen.judged.evidence
     if weak := [] if evidence is None else unsupported_images(evidence):
         warnings.append(f"The poses of {listed(weak)} are weakly supported.")
     return warnings
@@ -227,8 +227,8 @@ def _counted(some: Sequence[str], names: Sequence[str]) -> str:
     return f"{len(some)} of {len(names)} images"
 
 
-def _unregistered(names: Sequence[str], scene: MappedScene) -> tuple[str, ...]:
-    return tuple(name for name in names if name not in scene.candidate.centres)
+def _unregistered(names: Sequence[str], mapped: MappedModel) -> tuple[str, ...]:
+    return tuple(name for name in names if name not in mapped.judged.centres)
 
 
 def _failure(

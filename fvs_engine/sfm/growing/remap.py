@@ -7,7 +7,7 @@ import pycolmap
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.alignment.cameras import align_poses
-from fvs_engine.sfm.batch.mapping import MappedScene, ModelEvidence, read_model_evidence, registered_names
+from fvs_engine.sfm.batch.mapping import MappedModel, ModelEvidence, read_model_evidence, registered_names
 from fvs_engine.sfm.batch.reconstruct import map_images, model_warnings
 from fvs_engine.sfm.colmap.model import camera_poses, move, open_colmap
 from fvs_engine.sfm.growing.model_change import ModelChange
@@ -15,7 +15,7 @@ from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
-from fvs_engine.sfm.verification.gate import Candidate, Judgement, agree, decide
+from fvs_engine.sfm.verification.gate import JudgedModel, Judgement, agree, decide
 from fvs_engine.sfm.warnings import doubtful
 
 _CURRENT = "current"
@@ -58,19 +58,19 @@ def remap(
     """
     names, evidence, mapped = _map_all(stages, image_dir, state, priors)
     current = open_colmap(model_dir)
-    scenes = [_as_scene(stages, current, evidence), *mapped]
-    decision = decide([scene.candidate for scene in scenes], stages.settings.gate)
+    models = [_as_mapped(stages, current, evidence), *mapped]
+    decision = decide([each.judged for each in models], stages.settings.gate)
     chosen = decision.chosen or 0
     if chosen > 0 and decision.judgements[0].verdict != "rejected":
-        better = _is_better(scenes[chosen], scenes[0], evidence, stages.settings.gate)
+        better = _is_better(models[chosen], models[0], evidence, stages.settings.gate)
         chosen = chosen if better else 0
-    state = _mapped(state, scenes[chosen])
+    state = _mapped(state, models[chosen])
     if chosen == 0:
         reasons = " ".join(decision.judgements[0].reasons)
         doubt = decision.judgements[0].verdict != "accepted"
         warnings = (f"The re-map found no better model. {doubtful(reasons)}",) if doubt else ()
-        return ModelChange(state, match_support=_match_support(scenes[0]), warnings=warnings)
-    return _replace(state, current, scenes[chosen], names, decision.warnings, out_dir)
+        return ModelChange(state, match_support=_match_support(models[0]), warnings=warnings)
+    return _replace(state, current, models[chosen], names, decision.warnings, out_dir)
 
 
 def start_again(
@@ -87,19 +87,19 @@ def start_again(
     them. The current model stays when the gate rejects them, or when they explain fewer matches; an accepted
     one also stays when the new one is doubtful and no better.
     """
-    names, evidence, scenes = _map_all(stages, image_dir, state, priors)
+    names, evidence, models = _map_all(stages, image_dir, state, priors)
     gate = stages.settings.gate
-    decision = decide([scene.candidate for scene in scenes], gate)
+    decision = decide([each.judged for each in models], gate)
     current = open_colmap(model_dir)
     if decision.chosen is None:
         return ModelChange(state, warnings=(_kept("was rejected", decision.judgements),))
-    chosen = scenes[decision.chosen]
+    chosen = models[decision.chosen]
     if _explained(chosen) < evidence.matches_explained(current, set(registered_names(current))):
         return ModelChange(state)
     doubtful = decision.judgements[decision.chosen]
     if doubtful.verdict != "accepted":
-        before = _as_scene(stages, current, evidence)
-        (judgement,) = decide([before.candidate], gate).judgements
+        before = _as_mapped(stages, current, evidence)
+        (judgement,) = decide([before.judged], gate).judgements
         if judgement.verdict == "accepted" and not _is_better(chosen, before, evidence, gate):
             return ModelChange(state, warnings=(_kept("is doubtful and no better", (doubtful,)),))
     return _replace(_mapped(state, chosen), current, chosen, names, decision.warnings, out_dir)
@@ -113,7 +113,7 @@ def _kept(why: str, judgements: Sequence[Judgement]) -> str:
 
 def _map_all(
     stages: Stages, image_dir: Path, state: GrowthState, priors: PosePriors
-) -> tuple[list[str], ModelEvidence, list[MappedScene]]:
+) -> tuple[list[str], ModelEvidence, list[MappedModel]]:
     """The images' names, the evidence on them, and the mappers' models."""
     names = stages.open(
         image_dir, list(state.images), 2, growing=True
@@ -122,7 +122,7 @@ def _map_all(
     return names, evidence, map_images(stages, image_dir, len(names), evidence)
 
 
-def _mapped(state: GrowthState, kept: MappedScene) -> GrowthState:
+def _mapped(state: GrowthState, kept: MappedModel) -> GrowthState:
     """``state`` with the number of mapped images and the match support of the model that was kept."""
     support = _match_support(kept)
     mapped_support = state.mapped_support if support is None else support
@@ -132,7 +132,7 @@ def _mapped(state: GrowthState, kept: MappedScene) -> GrowthState:
 def _replace(
     state: GrowthState,
     current: pycolmap.Reconstruction,
-    chosen: MappedScene,
+    chosen: MappedModel,
     names: Sequence[str],
     warnings: Sequence[str],
     out_dir: Path,
@@ -150,37 +150,37 @@ def _replace(
     return ModelChange(
         state.with_poses([name for name in names if name in posed], len(posed), model.num_points3D()),
         changed=True,
-        mapper=chosen.candidate.mapper,
+        mapper=chosen.judged.mapper,
         match_support=support,
         warnings=(*warnings, *model_warnings(names, chosen)),
     )
 
 
-def _match_support(scene: MappedScene) -> float | None:
-    return None if scene.candidate.evidence is None else scene.candidate.evidence.match_support
+def _match_support(mapped: MappedModel) -> float | None:
+    return None if mapped.judged.evidence is None else mapped.judged.evidence.match_support
 
 
-def _as_scene(stages: Stages, model: pycolmap.Reconstruction, evidence: ModelEvidence) -> MappedScene:
+def _as_mapped(stages: Stages, model: pycolmap.Reconstruction, evidence: ModelEvidence) -> MappedModel:
     centres = {name: pose.translation for name, pose in camera_poses(model).items()}
-    return MappedScene(model, Candidate(_CURRENT, centres, evidence.of(model, stages.monitor)), ())
+    return MappedModel(model, JudgedModel(_CURRENT, centres, evidence.of(model, stages.monitor)), ())
 
 
 def _is_better(
-    new: MappedScene, current: MappedScene, evidence: ModelEvidence, settings: GateSettings
+    new: MappedModel, current: MappedModel, evidence: ModelEvidence, settings: GateSettings
 ) -> bool:
     """Whether the new model explains enough more matches to replace the current one.
 
     When the two models contradict each other, one is wrong, not necessarily that with fewer images: then only
     the matches between images of both count.
     """
-    agreement = agree(current.candidate, new.candidate)
+    agreement = agree(current.judged, new.judged)
     if agreement is not None and agreement.median_share <= settings.max_disagreement:
         return _explained(new) >= _MIN_GAIN * _explained(current)
-    shared = new.candidate.centres.keys() & current.candidate.centres.keys()
-    ours, theirs = (evidence.matches_explained(scene.model, shared) for scene in (new, current))
+    shared = new.judged.centres.keys() & current.judged.centres.keys()
+    ours, theirs = (evidence.matches_explained(each.model, shared) for each in (new, current))
     return ours >= _MIN_GAIN * theirs
 
 
-def _explained(scene: MappedScene) -> float:
-    evidence = scene.candidate.evidence
+def _explained(mapped: MappedModel) -> float:
+    evidence = mapped.judged.evidence
     return evidence.match_support * evidence.matches if evidence is not None else 0.0

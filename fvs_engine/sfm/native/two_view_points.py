@@ -1,15 +1,16 @@
 """Points of a model that only two of its images show, which COLMAP's mappers leave out."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
 import pycolmap
 
 from fvs_engine.sfm.native.match_cache import load_all
+from fvs_engine.sfm.native.report import Report
 
 
-def two_view_points(_report: Callable[[int], None], *, database: str, model_dir: str, target: str) -> int:
+def two_view_points(_report: Report, *, database: str, model_dir: str, target: str) -> int:
     """Triangulate the points that only two images of ``model_dir`` show; returns their number.
 
     Points with an error that COLMAP's mappers do not accept are left out. Writes ``xyz`` [P, 3] and

@@ -43,7 +43,7 @@ _CLOSE_SUPPORT = 0.01
 
 
 @dataclass(frozen=True, eq=False)
-class Candidate:
+class JudgedModel:
     """Input of the gate for one model: camera centres by image name, and evidence.
 
     ``contradicted``: images that are no longer in it, because the witness contradicts their poses.
@@ -57,7 +57,7 @@ class Candidate:
 
 @dataclass(frozen=True)
 class Judgement:
-    """The verdict on one candidate, and the reasons."""
+    """The verdict on one model, and the reasons."""
 
     verdict: Verdict
     reasons: tuple[str, ...]
@@ -65,7 +65,7 @@ class Judgement:
 
 @dataclass(frozen=True)
 class Decision:
-    """``chosen`` indexes the candidates, None when all are rejected."""
+    """``chosen`` indexes the models, None when all are rejected."""
 
     chosen: int | None
     judgements: tuple[Judgement, ...]
@@ -73,10 +73,10 @@ class Decision:
     warnings: tuple[str, ...]
 
 
-def decide(candidates: Sequence[Candidate], settings: GateSettings) -> Decision:
-    """Judge every candidate and choose the best supported one that is not rejected.
+def decide(models: Sequence[JudgedModel], settings: GateSettings) -> Decision:
+    """Judge every model and choose the best supported one that is not rejected.
 
-    A candidate is accepted on its own evidence. One with slightly too little evidence is accepted if the
+    A model is accepted on its own evidence. One with slightly too little evidence is accepted if the
     witness confirms it, and doubtful (usable with a warning) if another mapper or GPS agrees with it: a
     repeated pattern rarely causes the same errors in both. One from which images were left out because the
     witness contradicts them is doubtful unless the witness or GPS confirms the rest. One with loosely linked
@@ -86,23 +86,23 @@ def decide(candidates: Sequence[Candidate], settings: GateSettings) -> Decision:
     """
     agreements = tuple(
         agreement
-        for i, first in enumerate(candidates)
-        for second in candidates[i + 1 :]
+        for i, first in enumerate(models)
+        for second in models[i + 1 :]
         if (agreement := agree(first, second)) is not None
     )
-    judgements = [_judge(candidate, agreements, settings) for candidate in candidates]
+    judgements = [_judge(model, agreements, settings) for model in models]
     usable = [i for i, judgement in enumerate(judgements) if judgement.verdict != "rejected"]
     if not usable:
         return Decision(None, tuple(judgements), agreements, ())
-    best = max(usable, key=lambda i: _rank(candidates[i], judgements[i]))
+    best = max(usable, key=lambda i: _rank(models[i], judgements[i]))
     warnings = []
-    evidence = candidates[best].evidence
+    evidence = models[best].evidence
     if evidence is not None and priors_are_wrong(evidence):
         warnings.append(PRIORS_IGNORED)
-    rival = _rival(best, usable, candidates, judgements, agreements, settings)
+    rival = _rival(best, usable, models, judgements, agreements, settings)
     if rival is not None:
         reason = (
-            f"The {candidates[rival].mapper} mapper found another model that the matches support as well; "
+            f"The {models[rival].mapper} mapper found another model that the matches support as well; "
             "at least one of them is wrong."
         )
         judgements[best] = Judgement("doubtful", (*judgements[best].reasons, reason))
@@ -111,7 +111,7 @@ def decide(candidates: Sequence[Candidate], settings: GateSettings) -> Decision:
     return Decision(best, tuple(judgements), agreements, tuple(warnings))
 
 
-def agree(first: Candidate, second: Candidate) -> Agreement | None:
+def agree(first: JudgedModel, second: JudgedModel) -> Agreement | None:
     """How far two models' camera centres are apart after Umeyama; None when too few are shared."""
     shared = sorted(first.centres.keys() & second.centres.keys())
     if len(shared) < MIN_SHARED_IMAGES:
@@ -131,8 +131,8 @@ def agree(first: Candidate, second: Candidate) -> Agreement | None:
     )
 
 
-def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: GateSettings) -> Judgement:
-    evidence = candidate.evidence
+def _judge(model: JudgedModel, agreements: Sequence[Agreement], settings: GateSettings) -> Judgement:
+    evidence = model.evidence
     if evidence is None:
         return Judgement("rejected", ("It has no verified pair of images.",))
     support = f"{evidence.match_support:.1%} of the verified matches fit its cameras."
@@ -143,7 +143,7 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
         rejections.append(
             f"Only {evidence.rotation_support:.1%} of the independent relative rotations agree with it."
         )
-    images = len(candidate.centres)
+    images = len(model.centres)
     unsupported, contradicted = unsupported_images(evidence), contradicted_images(evidence)
     if len(unsupported) > MAX_UNSUPPORTED_SHARE * images:
         rejections.append(f"Matches contradict the poses of {_counted(unsupported, images)}.")
@@ -163,7 +163,7 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
     if confirmed and not doubts:
         return Judgement("accepted", (support, "Matches of ALIKED features confirm it."))
     weaknesses = [] if confirmed else _weaknesses(evidence, settings)
-    confirmation = _confirmation(candidate.mapper, evidence, agreements, settings)
+    confirmation = _confirmation(model.mapper, evidence, agreements, settings)
     if weaknesses and confirmation is None:
         return Judgement("rejected", (*weaknesses, "Neither another mapper nor GPS confirms it."))
     if weaknesses:
@@ -173,8 +173,8 @@ def _judge(candidate: Candidate, agreements: Sequence[Agreement], settings: Gate
     if contradicted:
         doubt = f"Matches of ALIKED features contradict the poses of {listed(contradicted)}."
         return Judgement("doubtful", (doubt,))
-    if candidate.contradicted and not confirmed and not priors_confirm(evidence):
-        return Judgement("doubtful", (_unconfirmed_rest(candidate.contradicted),))
+    if model.contradicted and not confirmed and not priors_confirm(evidence):
+        return Judgement("doubtful", (_unconfirmed_rest(model.contradicted),))
     if loose := _unconfirmed(evidence, loose_images(evidence)):
         return Judgement("doubtful", (few_matches(loose),))
     return Judgement("accepted", (support,))
@@ -356,9 +356,9 @@ def _unconfirmed(evidence: Evidence, names: Sequence[str]) -> list[str]:
     return [name for name in names if not confirm or name in evidence.images_without_prior]
 
 
-def _rank(candidate: Candidate, judgement: Judgement) -> float:
+def _rank(model: JudgedModel, judgement: Judgement) -> float:
     """The number of explained matches, with a discount for doubt: more images raise it only if right."""
-    evidence = candidate.evidence
+    evidence = model.evidence
     assert evidence is not None
     explained = evidence.match_support * evidence.matches
     return explained if judgement.verdict == "accepted" else _DOUBT * explained
@@ -367,19 +367,19 @@ def _rank(candidate: Candidate, judgement: Judgement) -> float:
 def _rival(
     best: int,
     usable: Sequence[int],
-    candidates: Sequence[Candidate],
+    models: Sequence[JudgedModel],
     judgements: Sequence[Judgement],
     agreements: Sequence[Agreement],
     settings: GateSettings,
 ) -> int | None:
-    """A usable candidate that contradicts the best one and is as well supported."""
+    """A usable model that contradicts the best one and is as well supported."""
     for i in usable:
-        names = {candidates[best].mapper, candidates[i].mapper}
+        names = {models[best].mapper, models[i].mapper}
         contradicts = any(
             set(agreement.mappers) == names and agreement.median_share > settings.max_disagreement
             for agreement in agreements
         )
-        ours, theirs = candidates[best].evidence, candidates[i].evidence
+        ours, theirs = models[best].evidence, models[i].evidence
         assert ours is not None
         assert theirs is not None
         as_good = judgements[i].verdict == judgements[best].verdict and (

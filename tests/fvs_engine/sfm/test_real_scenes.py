@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.geometry.alignment.similarity import umeyama
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.batch.mapping import MappedScene, ModelEvidence, load_models
+from fvs_engine.sfm.batch.mapping import MappedModel, ModelEvidence, load_models
 from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
 from fvs_engine.sfm.colmap.database import read_keypoints, read_verified_pairs
 from fvs_engine.sfm.pose_priors import PosePriors
@@ -80,8 +80,8 @@ def judge(model: pycolmap.Reconstruction, folder: Path) -> Judgement:
     pairs = read_verified_pairs(folder / "database.db", MIN_PAIR_MATCHES)
     ids = {image_id for pair in pairs for image_id in (pair.first, pair.second)}
     evidence = ModelEvidence(pairs, read_keypoints(folder / "database.db", ids), PosePriors())
-    scene = MappedScene.of_models("any", [model], evidence, Monitor())
-    return decide([scene.candidate], GateSettings()).judgements[0]
+    mapped = MappedModel.of_models("any", [model], evidence, Monitor())
+    return decide([mapped.judged], GateSettings()).judgements[0]
 
 
 def move_cameras(model: pycolmap.Reconstruction, poses_file: Path) -> None:

@@ -19,12 +19,12 @@ from fvs_engine.errors import (
 from fvs_engine.geometry import PinholeCamera
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.sfm import stages as stages_module
-from fvs_engine.sfm.batch.mapping import MappedScene
+from fvs_engine.sfm.batch.mapping import MappedModel
 from fvs_engine.sfm.batch.reconstruct import SfmResult, model_warnings, reconstruct
 from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.report import SfmReport
 from fvs_engine.sfm.settings import KnownIntrinsics, SfmSettings
-from fvs_engine.sfm.verification.gate import Candidate
+from fvs_engine.sfm.verification.gate import JudgedModel
 
 GLOBAL_FIRST = SfmSettings(incremental_first_up_to=0)
 """As for large sets."""
@@ -202,9 +202,9 @@ def test_an_image_of_something_else_is_left_out_and_named(
 def test_an_image_without_a_pose_is_warned_of_once():
     centres = {"a.jpg": np.zeros(3), "b.jpg": np.ones(3)}
     names = [*centres, "c.jpg", "d.jpg", "e.jpg", "f.jpg"]
-    mapped = MappedScene(
+    mapped = MappedModel(
         pycolmap.Reconstruction(),
-        Candidate("global", centres, None),
+        JudgedModel("global", centres, None),
         other_components=(("c.jpg",),),
         left_out=("d.jpg",),
         with_few_points=("e.jpg",),

@@ -9,13 +9,13 @@ import pytest
 from numpy.typing import NDArray
 
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.batch.mapping import MappedScene, ModelEvidence
+from fvs_engine.sfm.batch.mapping import MappedModel, ModelEvidence
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import read_keypoints, read_verified_pairs
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence, WitnessEvidence
 from fvs_engine.sfm.settings import GateSettings
-from fvs_engine.sfm.verification.gate import PRIORS_IGNORED, Candidate, Decision, decide, priors_suffice
+from fvs_engine.sfm.verification.gate import PRIORS_IGNORED, Decision, JudgedModel, decide, priors_suffice
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 from fvs_engine.sfm.verification.witness import WitnessMatches
 
@@ -49,13 +49,13 @@ def centres(seed: int = 0) -> dict[str, NDArray[np.float64]]:
     return dict(zip(NAMES, np.random.default_rng(seed).normal(size=(len(NAMES), 3)), strict=True))
 
 
-def candidate(mapper: str, seed: int = 0, **changes: object) -> Candidate:
-    return Candidate(mapper, centres(seed), evidence(**changes))
+def model(mapper: str, seed: int = 0, **changes: object) -> JudgedModel:
+    return JudgedModel(mapper, centres(seed), evidence(**changes))
 
 
 def test_the_better_supported_of_two_that_disagree_is_chosen():
     decision = decide(
-        [candidate("global", seed=1, match_support=0.75), candidate("incremental", match_support=0.95)],
+        [model("global", seed=1, match_support=0.75), model("incremental", match_support=0.95)],
         SETTINGS,
     )
     assert decision.chosen == 1
@@ -64,25 +64,23 @@ def test_the_better_supported_of_two_that_disagree_is_chosen():
 
 
 def test_more_registered_images_do_not_win():
-    partial = candidate("incremental", match_support=0.97, pairs=40, matches=4000)
+    partial = model("incremental", match_support=0.97, pairs=40, matches=4000)
     keep = dict(list(centres().items())[:9])
-    partial = Candidate("incremental", keep, partial.evidence)
-    decision = decide([candidate("global", seed=1, match_support=0.8), partial], SETTINGS)
+    partial = JudgedModel("incremental", keep, partial.evidence)
+    decision = decide([model("global", seed=1, match_support=0.8), partial], SETTINGS)
     assert decision.chosen == 1
 
 
 def test_the_larger_of_two_right_models_wins():
-    partial = Candidate("incremental", dict(list(centres().items())[:6]), evidence(pairs=15, matches=1500))
-    decision = decide([partial, candidate("global", match_support=0.965)], SETTINGS)
+    partial = JudgedModel("incremental", dict(list(centres().items())[:6]), evidence(pairs=15, matches=1500))
+    decision = decide([partial, model("global", match_support=0.965)], SETTINGS)
     assert decision.chosen == 1
 
 
 def test_weak_support_needs_a_second_mapper_and_warns_loudly():
-    alone = decide([candidate("incremental", match_support=0.87)], SETTINGS)
+    alone = decide([model("incremental", match_support=0.87)], SETTINGS)
     assert alone.chosen is None
-    both = decide(
-        [candidate("incremental", match_support=0.87), candidate("global", match_support=0.86)], SETTINGS
-    )
+    both = decide([model("incremental", match_support=0.87), model("global", match_support=0.86)], SETTINGS)
     assert both.chosen == 0
     assert both.judgements[0].verdict == "doubtful"
     assert "DOUBTFUL" in both.warnings[0]
@@ -91,16 +89,16 @@ def test_weak_support_needs_a_second_mapper_and_warns_loudly():
 def test_a_model_with_a_wrong_focal_length_must_be_confirmed_for_its_directions():
     """Evidence that incremental mapping of a real orbit had with a focal length a third too short."""
     squeezed = {"match_support": 0.901, "rotation_support": 0.941, "translation_support": 0.215}
-    alone = decide([candidate("incremental", **squeezed)], SETTINGS)
+    alone = decide([model("incremental", **squeezed)], SETTINGS)
     assert alone.chosen is None
     assert any("21.5% of the independent directions" in reason for reason in alone.judgements[0].reasons)
-    beside_the_right_one = decide([candidate("incremental", **squeezed), candidate("global", 1)], SETTINGS)
+    beside_the_right_one = decide([model("incremental", **squeezed), model("global", 1)], SETTINGS)
     assert [judged.verdict for judged in beside_the_right_one.judgements] == ["rejected", "accepted"]
     assert beside_the_right_one.warnings == ()
 
 
 def test_weak_directions_are_usable_when_another_mapper_confirms_the_model():
-    both = [candidate(mapper, translation_support=0.7) for mapper in ("incremental", "global")]
+    both = [model(mapper, translation_support=0.7) for mapper in ("incremental", "global")]
     decision = decide(both, SETTINGS)
     assert decision.chosen is not None
     assert decision.judgements[decision.chosen].verdict == "doubtful"
@@ -108,20 +106,20 @@ def test_weak_directions_are_usable_when_another_mapper_confirms_the_model():
 
 
 def test_gps_confirms_as_another_mapper_does_but_saves_nobody():
-    near = decide([candidate("global", match_support=0.87, prior_residual_share=0.08)], SETTINGS)
+    near = decide([model("global", match_support=0.87, prior_residual_share=0.08)], SETTINGS)
     assert near.judgements[0].verdict == "doubtful"
     assert "GPS" in near.warnings[0]
-    vague = decide([candidate("global", match_support=0.87, prior_residual_share=0.2)], SETTINGS)
+    vague = decide([model("global", match_support=0.87, prior_residual_share=0.2)], SETTINGS)
     assert vague.chosen is None
-    unsupported = decide([candidate("global", match_support=0.8, prior_residual_share=0.01)], SETTINGS)
+    unsupported = decide([model("global", match_support=0.8, prior_residual_share=0.01)], SETTINGS)
     assert unsupported.chosen is None
 
 
 def test_two_accepted_images_are_no_match_for_a_doubtful_whole():
-    pair = Candidate(
+    pair = JudgedModel(
         "incremental", dict(list(centres().items())[:2]), evidence(pairs=1, matches=40, match_support=1.0)
     )
-    whole = candidate("global", match_support=0.88, prior_residual_share=0.05)
+    whole = model("global", match_support=0.88, prior_residual_share=0.05)
     decision = decide([pair, whole], SETTINGS)
     assert [judgement.verdict for judgement in decision.judgements] == ["accepted", "doubtful"]
     assert decision.chosen == 1
@@ -129,14 +127,12 @@ def test_two_accepted_images_are_no_match_for_a_doubtful_whole():
 
 
 def test_two_mappers_misled_to_the_same_place_are_rejected_all_the_same():
-    decision = decide(
-        [candidate("incremental", match_support=0.7), candidate("global", match_support=0.7)], SETTINGS
-    )
+    decision = decide([model("incremental", match_support=0.7), model("global", match_support=0.7)], SETTINGS)
     assert decision.chosen is None
 
 
 def test_equally_supported_models_that_contradict_are_doubtful():
-    decision = decide([candidate("incremental"), candidate("global", seed=1)], SETTINGS)
+    decision = decide([model("incremental"), model("global", seed=1)], SETTINGS)
     assert decision.chosen is not None
     assert decision.judgements[decision.chosen].verdict == "doubtful"
     assert decision.warnings
@@ -156,7 +152,7 @@ def test_equally_supported_models_that_contradict_are_doubtful():
     ],
 )
 def test_each_kind_of_evidence_can_reject_alone(changes: dict[str, object], reason: str):
-    decision = decide([candidate("incremental", **changes)], SETTINGS)
+    decision = decide([model("incremental", **changes)], SETTINGS)
     assert decision.chosen is None
     assert any(reason in sentence for sentence in decision.judgements[0].reasons)
 
@@ -165,15 +161,15 @@ def test_each_kind_of_evidence_can_reject_alone(changes: dict[str, object], reas
     "contradiction", [{"prior_residual_share": 0.5}, {"misplaced_images": tuple(NAMES[:5])}]
 )
 def test_priors_that_the_pairs_contradict_too_reject_no_model(contradiction: dict[str, object]):
-    decision = decide([candidate("incremental", prior_support=0.3, **contradiction)], SETTINGS)
+    decision = decide([model("incremental", prior_support=0.3, **contradiction)], SETTINGS)
     assert decision.judgements[0].verdict == "accepted"
     assert decision.warnings == (PRIORS_IGNORED,)
 
 
 def test_priors_that_the_pairs_contradict_confirm_no_model():
     weak = {"match_support": 0.87, "prior_residual_share": 0.05}
-    assert decide([candidate("incremental", **weak)], SETTINGS).chosen == 0
-    assert decide([candidate("incremental", prior_support=0.3, **weak)], SETTINGS).chosen is None
+    assert decide([model("incremental", **weak)], SETTINGS).chosen == 0
+    assert decide([model("incremental", prior_support=0.3, **weak)], SETTINGS).chosen is None
 
 
 def witness(**changes: object) -> WitnessEvidence:
@@ -194,14 +190,14 @@ FEW = tuple(NAMES[:2])
 
 
 def test_images_that_few_matches_join_are_doubtful_and_need_no_second_mapper():
-    decision = decide([candidate("incremental", loosely_linked_images=FEW)], SETTINGS)
+    decision = decide([model("incremental", loosely_linked_images=FEW)], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
     assert "0.jpg, 1.jpg" in decision.warnings[0]
 
 
 @pytest.mark.parametrize("confirmation", [{"witness": witness()}, {"prior_residual_share": 0.05}])
 def test_the_witness_or_gps_ends_the_doubt_about_few_matches(confirmation: dict[str, object]):
-    decision = decide([candidate("incremental", loosely_linked_images=FEW, **confirmation)], SETTINGS)
+    decision = decide([model("incremental", loosely_linked_images=FEW, **confirmation)], SETTINGS)
     assert decision.judgements[0].verdict == "accepted"
 
 
@@ -209,7 +205,7 @@ def test_the_witness_or_gps_ends_the_doubt_about_few_matches(confirmation: dict[
 def test_gps_says_nothing_of_images_without_it(weakness: str):
     """As of those whose positions a frozen receiver repeated: three of 19 were wrong, and accepted."""
     gps = {"prior_residual_share": 0.02, "images_without_prior": NAMES[1:5]}
-    decision = decide([candidate("incremental", **gps, **{weakness: FEW})], SETTINGS)
+    decision = decide([model("incremental", **gps, **{weakness: FEW})], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
     assert "1.jpg" in decision.warnings[0]
     assert "0.jpg" not in decision.warnings[0]
@@ -220,7 +216,7 @@ def test_gps_says_nothing_of_images_without_it(weakness: str):
 
 def test_a_witness_that_is_silent_about_them_does_not():
     silent = witness(silent_on_images=FEW[:1])
-    decision = decide([candidate("incremental", loosely_linked_images=FEW, witness=silent)], SETTINGS)
+    decision = decide([model("incremental", loosely_linked_images=FEW, witness=silent)], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
     assert "0.jpg with" in decision.warnings[0]
 
@@ -228,33 +224,31 @@ def test_a_witness_that_is_silent_about_them_does_not():
 def test_the_witness_confirms_a_right_model_with_weak_directions_alone():
     """The evidence of a correct model of twelve far-spread views of a real scene (errors up to 0.6 %)."""
     weak = {"match_support": 0.93, "translation_support": 0.786}
-    assert decide([candidate("incremental", **weak)], SETTINGS).chosen is None
-    confirmed = decide([candidate("incremental", witness=witness(), **weak)], SETTINGS)
+    assert decide([model("incremental", **weak)], SETTINGS).chosen is None
+    confirmed = decide([model("incremental", witness=witness(), **weak)], SETTINGS)
     assert confirmed.judgements[0].verdict == "accepted"
     as_weak = witness(translation_support=0.7)
-    assert decide([candidate("incremental", witness=as_weak, **weak)], SETTINGS).chosen is None
+    assert decide([model("incremental", witness=as_weak, **weak)], SETTINGS).chosen is None
 
 
 def test_images_that_the_witness_connects_are_not_unsupported():
     """A seam of false pairs beside right ones: four of twenty views of a real scene, all right."""
     seam = {"unsupported_images": tuple(NAMES[:3])}
-    assert decide([candidate("incremental", **seam)], SETTINGS).chosen is None
-    decision = decide([candidate("incremental", witness=witness(), **seam)], SETTINGS)
+    assert decide([model("incremental", **seam)], SETTINGS).chosen is None
+    decision = decide([model("incremental", witness=witness(), **seam)], SETTINGS)
     assert decision.judgements[0].verdict == "accepted"
     silent = witness(silent_on_images=tuple(NAMES[:3]))
-    assert decide([candidate("incremental", witness=silent, **seam)], SETTINGS).chosen is None
+    assert decide([model("incremental", witness=silent, **seam)], SETTINGS).chosen is None
 
 
 def test_a_model_of_which_the_witness_contradicts_too_much_is_rejected():
-    decision = decide(
-        [candidate("incremental", witness=witness(contradicted_images=tuple(NAMES[:5])))], SETTINGS
-    )
+    decision = decide([model("incremental", witness=witness(contradicted_images=tuple(NAMES[:5])))], SETTINGS)
     assert decision.chosen is None
     assert "ALIKED features contradict the poses of 5" in decision.judgements[0].reasons[0]
 
 
 def test_images_that_the_witness_contradicts_and_that_stay_make_a_model_doubtful():
-    decision = decide([candidate("incremental", witness=witness(contradicted_images=FEW))], SETTINGS)
+    decision = decide([model("incremental", witness=witness(contradicted_images=FEW))], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
     assert "contradict the poses of 0.jpg, 1.jpg" in decision.warnings[0]
 
@@ -272,7 +266,7 @@ def test_once_the_witness_has_contradicted_images_it_must_confirm_the_rest(
     changes: dict[str, object], verdict: str
 ):
     """As of a model of which five images were wrong and it contradicted two."""
-    given = candidate("incremental", **changes)
+    given = model("incremental", **changes)
     assert decide([given], SETTINGS).judgements[0].verdict == "accepted"
     decision = decide([replace(given, contradicted=("a.jpg", "b.jpg"))], SETTINGS)
     assert decision.judgements[0].verdict == verdict
@@ -282,19 +276,19 @@ def test_once_the_witness_has_contradicted_images_it_must_confirm_the_rest(
 
 
 def test_a_model_with_distances_that_depths_contradict_is_never_accepted():
-    many = decide([candidate("incremental", misscaled_images=NAMES[:3], witness=witness())], SETTINGS)
+    many = decide([model("incremental", misscaled_images=NAMES[:3], witness=witness())], SETTINGS)
     assert many.chosen is None
     assert "contradict the distance of 0.jpg, 1.jpg, 2.jpg" in many.judgements[0].reasons[0]
-    one = decide([candidate("incremental", misscaled_images=NAMES[:1], prior_residual_share=0.05)], SETTINGS)
+    one = decide([model("incremental", misscaled_images=NAMES[:1], prior_residual_share=0.05)], SETTINGS)
     assert one.judgements[0].verdict == "doubtful"
     assert "contradict the distance of 0.jpg" in one.warnings[0]
 
 
 def test_distances_that_nothing_confirms_are_doubtful_unless_gps_does():
-    decision = decide([candidate("incremental", unscaled_images=FEW, witness=witness())], SETTINGS)
+    decision = decide([model("incremental", unscaled_images=FEW, witness=witness())], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
     assert "Hardly any feature of 0.jpg, 1.jpg is seen in two other images" in decision.warnings[0]
-    decision = decide([candidate("incremental", unscaled_images=FEW, prior_residual_share=0.05)], SETTINGS)
+    decision = decide([model("incremental", unscaled_images=FEW, prior_residual_share=0.05)], SETTINGS)
     assert decision.judgements[0].verdict == "accepted"
 
 
@@ -303,48 +297,46 @@ def test_images_that_should_show_the_same_and_do_not_are_doubtful_unless_gps_con
     without_prior: list[str], verdict: str
 ):
     conflicting = (("0.jpg", "5.jpg"),)
-    decision = decide([candidate("incremental", conflicting_views=conflicting, witness=witness())], SETTINGS)
+    decision = decide([model("incremental", conflicting_views=conflicting, witness=witness())], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
     assert "0.jpg and 5.jpg should overlap" in decision.warnings[0]
     gps = {"prior_residual_share": 0.05, "images_without_prior": tuple(without_prior)}
-    decision = decide([candidate("incremental", conflicting_views=conflicting, **gps)], SETTINGS)
+    decision = decide([model("incremental", conflicting_views=conflicting, **gps)], SETTINGS)
     assert decision.judgements[0].verdict == verdict
 
 
 def test_an_unlikely_focal_length_is_doubtful_unless_gps_confirms_the_model():
-    decision = decide(
-        [candidate("incremental", unlikely_focal_lengths_px=(96.9,), witness=witness())], SETTINGS
-    )
+    decision = decide([model("incremental", unlikely_focal_lengths_px=(96.9,), witness=witness())], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
     assert "97 px" in decision.warnings[0]
     assert "from the side" in decision.warnings[0]
-    gps = candidate("incremental", unlikely_focal_lengths_px=(96.9,), prior_residual_share=0.05)
+    gps = model("incremental", unlikely_focal_lengths_px=(96.9,), prior_residual_share=0.05)
     assert decide([gps], SETTINGS).judgements[0].verdict == "accepted"
 
 
 def test_a_doubt_about_distances_saves_no_weak_model():
-    weak = candidate("incremental", match_support=0.87, unscaled_images=FEW)
+    weak = model("incremental", match_support=0.87, unscaled_images=FEW)
     assert decide([weak], SETTINGS).chosen is None
 
 
 def test_two_images_are_not_what_is_left_of_three():
     three = dict(list(centres().items())[:3])
     said = evidence(witness=witness(contradicted_images=(NAMES[2],)))
-    assert decide([Candidate("incremental", three, said)], SETTINGS).chosen is None
+    assert decide([JudgedModel("incremental", three, said)], SETTINGS).chosen is None
 
 
 def test_a_model_without_verified_pairs_is_rejected():
-    assert decide([Candidate("global", centres(), None)], SETTINGS).chosen is None
+    assert decide([JudgedModel("global", centres(), None)], SETTINGS).chosen is None
 
 
 def test_agreement_ignores_the_frame():
     moved = {name: 3.0 * centre[[1, 2, 0]] + 5.0 for name, centre in centres().items()}
-    decision = decide([candidate("incremental"), Candidate("global", moved, evidence())], SETTINGS)
+    decision = decide([model("incremental"), JudgedModel("global", moved, evidence())], SETTINGS)
     assert decision.agreements[0].median_share < 1e-9
     assert decision.judgements[0].verdict == "accepted"
 
 
-def examined(model: pycolmap.Reconstruction, folder: Path, *, witness: bool = False) -> MappedScene:
+def examined(model: pycolmap.Reconstruction, folder: Path, *, witness: bool = False) -> MappedModel:
     """The model and its evidence; with a ``witness`` that has the same matches."""
     pairs = read_verified_pairs(folder / "database.db", MIN_PAIR_MATCHES)
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
@@ -352,13 +344,13 @@ def examined(model: pycolmap.Reconstruction, folder: Path, *, witness: bool = Fa
     evidence = ModelEvidence(
         pairs, keypoints, PosePriors(), lambda: WitnessMatches(pairs, keypoints) if witness else None
     )
-    return MappedScene.of_models("global", [model], evidence, Monitor())
+    return MappedModel.of_models("global", [model], evidence, Monitor())
 
 
 def judge_model(model: pycolmap.Reconstruction, folder: Path) -> tuple[Decision, Evidence]:
-    scene = examined(model, folder)
-    assert scene.candidate.evidence is not None
-    return decide([scene.candidate], SETTINGS), scene.candidate.evidence
+    mapped = examined(model, folder)
+    assert mapped.judged.evidence is not None
+    return decide([mapped.judged], SETTINGS), mapped.judged.evidence
 
 
 def test_a_healthy_model_passes(kermit_sfm: SfmResult):
@@ -376,12 +368,12 @@ def test_a_single_image_that_all_its_pairs_contradict_is_left_out(kermit_sfm: Sf
         pycolmap.Rotation3d(np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])), np.zeros(3)
     )
     last.frame.set_cam_from_world(last.camera_id, quarter * last.cam_from_world())
-    scene = examined(model, kermit_sfm.model_dir.parent, witness=witness)
-    assert scene.left_out == (last.name,)
-    assert scene.candidate.contradicted == ((last.name,) if witness else ())
-    assert decide([scene.candidate], SETTINGS).chosen == 0
-    assert scene.candidate.evidence is not None
-    assert scene.candidate.evidence.match_support > 0.98
+    mapped = examined(model, kermit_sfm.model_dir.parent, witness=witness)
+    assert mapped.left_out == (last.name,)
+    assert mapped.judged.contradicted == ((last.name,) if witness else ())
+    assert decide([mapped.judged], SETTINGS).chosen == 0
+    assert mapped.judged.evidence is not None
+    assert mapped.judged.evidence.match_support > 0.98
     registered = {image.name for image in model.images.values() if image.has_pose}
     assert len(registered) == 10
     assert last.name not in registered
@@ -436,7 +428,7 @@ def test_images_that_hardly_any_point_holds_are_left_out_if_they_are_few(
         for index in [k for k, point in enumerate(image.points2D) if point.has_point3D()][14:]:
             if image.points2D[index].has_point3D():  # the track may be gone with its second observation
                 model.delete_observation(image.image_id, index)
-    scene = examined(model, kermit_sfm.model_dir.parent)
-    assert scene.with_few_points == tuple(image.name for image in bare[:left_out])
-    assert len(scene.candidate.centres) == 11 - left_out
-    assert scene.left_out == ()
+    mapped = examined(model, kermit_sfm.model_dir.parent)
+    assert mapped.with_few_points == tuple(image.name for image in bare[:left_out])
+    assert len(mapped.judged.centres) == 11 - left_out
+    assert mapped.left_out == ()

@@ -14,7 +14,7 @@ from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import GateSettings
 from fvs_engine.sfm.verification.evidence import gather_evidence
-from fvs_engine.sfm.verification.gate import Candidate, Judgement, decide
+from fvs_engine.sfm.verification.gate import JudgedModel, Judgement, decide
 from fvs_engine.sfm.verification.scale import DepthRatio, Scale, depth_ratios
 
 COUNT = 12
@@ -72,7 +72,7 @@ def judged(places: Sequence[float], reach: int = 4) -> tuple[Judgement, Evidence
     evidence = gather_evidence(made, *photographed(reach), PosePriors(), {})
     assert evidence is not None
     centres = {image.name: np.asarray(image.projection_center()) for image in made.images.values()}
-    decision = decide([Candidate("incremental", centres, evidence)], GateSettings())
+    decision = decide([JudgedModel("incremental", centres, evidence)], GateSettings())
     return decision.judgements[0], evidence
 
 
