@@ -23,7 +23,7 @@ from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import read_dataset
-from fvs_engine.sfm.batch.mapping import calibrate_view_graph, load_models, map_scene
+from fvs_engine.sfm.batch.mapping import calibrate_view_graph, load_models, run_mapper
 from fvs_engine.sfm.batch.reconstruct import reconstruct
 from fvs_engine.sfm.matching.features import extract_features
 from fvs_engine.sfm.matching.match import match_features
@@ -148,7 +148,7 @@ def map_subset(scene: Scene, names: Sequence[str], whole: SfmFolder, folder: Pat
         stages.open(scene.image_dir, names, 2)
         calibrate_view_graph(stages)
         for mapper in MAPPERS:
-            map_scene(stages, mapper, scene.image_dir, len(names))
+            run_mapper(stages, mapper, scene.image_dir, len(names))
         (folder / "mapped").write_text(json.dumps(list(names)))
     return target
 

@@ -145,8 +145,10 @@ def _judge(model: JudgedModel, agreements: Sequence[Agreement], settings: GateSe
         )
     images = len(model.centres)
     unsupported, contradicted = unsupported_images(evidence), contradicted_images(evidence)
-    if len(unsupported) > MAX_UNSUPPORTED_SHARE * images:
-        rejections.append(f"Matches contradict the poses of {_counted(unsupported, images)}.")
+    many_unsupported = len(unsupported) > MAX_UNSUPPORTED_SHARE * images
+    unsupported_shown = f"Matches contradict the poses of {_counted(unsupported, images)}."
+    if many_unsupported and len(_unconfirmed(evidence, unsupported)) > MAX_UNSUPPORTED_SHARE * images:
+        rejections.append(unsupported_shown)
     misscaled = evidence.misscaled_images
     if len(misscaled) > MAX_UNSUPPORTED_SHARE * images:
         rejections.append(wrong_distance(misscaled))
@@ -170,6 +172,8 @@ def _judge(model: JudgedModel, agreements: Sequence[Agreement], settings: GateSe
         return Judgement("doubtful", (*weaknesses, f"But {confirmation} it.", *doubts))
     if doubts:
         return Judgement("doubtful", doubts)
+    if many_unsupported:
+        return Judgement("doubtful", (f"{unsupported_shown} Only their positions confirm them.",))
     if contradicted:
         doubt = f"Matches of ALIKED features contradict the poses of {listed(contradicted)}."
         return Judgement("doubtful", (doubt,))
@@ -345,9 +349,13 @@ def priors_confirm(evidence: Evidence) -> bool:
 
 
 def priors_suffice(evidence: Evidence) -> bool:
-    """Whether position priors confirm the model, and all images that too few matches connect with it."""
-    weak = (*evidence.unsupported_images, *evidence.loosely_linked_images, *evidence.unscaled_images)
-    return priors_confirm(evidence) and not _unconfirmed(evidence, weak)
+    """Whether position priors confirm the model, and all images that too few matches connect with it.
+
+    Where matches contradict an image, its position does not suffice: it says nothing of the orientation.
+    """
+    weak = (*evidence.loosely_linked_images, *evidence.unscaled_images)
+    confirmed = priors_confirm(evidence) and not _unconfirmed(evidence, weak)
+    return confirmed and not evidence.unsupported_images
 
 
 def _unconfirmed(evidence: Evidence, names: Sequence[str]) -> list[str]:

@@ -214,6 +214,21 @@ def test_gps_says_nothing_of_images_without_it(weakness: str):
     assert priors_suffice(evidence(**gps))
 
 
+def test_images_that_matches_contradict_are_doubtful_where_gps_confirms_them_and_right_by_the_witness():
+    """As of 20 views, all right, of a wall with a repeated pattern: matches contradicted four of them."""
+    gps = {"prior_residual_share": 0.03, "unsupported_images": NAMES[:4]}
+    assert not priors_suffice(evidence(**gps))
+    (judgement,) = decide([model("incremental", **gps)], SETTINGS).judgements
+    assert judgement.verdict == "doubtful"
+    assert "4 of its" in judgement.reasons[0]
+    confirmed = decide([model("incremental", witness=witness(), **gps)], SETTINGS)
+    assert confirmed.judgements[0].verdict == "accepted"
+    elsewhere = decide([model("incremental", images_without_prior=NAMES[:4], **gps)], SETTINGS)
+    assert elsewhere.judgements[0].verdict == "rejected"
+    far = decide([model("incremental", **gps | {"prior_residual_share": 0.15})], SETTINGS)
+    assert far.judgements[0].verdict == "rejected"
+
+
 def test_a_witness_that_is_silent_about_them_does_not():
     silent = witness(silent_on_images=FEW[:1])
     decision = decide([model("incremental", loosely_linked_images=FEW, witness=silent)], SETTINGS)
