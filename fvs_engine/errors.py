@@ -52,6 +52,10 @@ class ContradictedModelsError(ReconstructionError):
     """Every model contradicts the images' matches or positions."""
 
 
+class ContradictedPositionsError(ReconstructionError):
+    """Every model contradicts something, at least one the positions of its images, which may be wrong."""
+
+
 class NativeJobError(ReconstructionError):
     """A native job failed; ``crashed``: by itself, not because its process was killed."""
 

@@ -5,6 +5,7 @@ invalid arguments must be answered at once.
 """
 
 import importlib.metadata
+from collections.abc import Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -26,7 +27,7 @@ from fvs_engine.cli.plan import plan
 from fvs_engine.cli.select import select
 from fvs_engine.cli.simulate import simulate
 from fvs_engine.cli.simulate_vehicle import simulate_vehicle
-from fvs_engine.errors import ContradictedModelsError
+from fvs_engine.errors import ContradictedModelsError, ContradictedPositionsError, EngineError
 
 if TYPE_CHECKING:
     from fvs_engine.cli.jobs import Warn
@@ -50,6 +51,13 @@ _CAMERA_OPTIONS = (
     "The options are --intrinsics, --camera-model OPENCV, which allows for stretched images, and --colmap or "
     "--transforms. The evidence against each model is in sfm/rejected.json of the output folder."
 )
+_POSITION_OPTIONS = (
+    "--no-gps leaves them out. The evidence against each model is in sfm/rejected.json of the output folder."
+)
+_REMEDIES: Mapping[type[EngineError], str] = {
+    ContradictedModelsError: _CAMERA_OPTIONS,
+    ContradictedPositionsError: _POSITION_OPTIONS,
+}
 _Folder = Annotated[Path, typer.Argument(metavar="DIR", help="The output folder of `fvs reconstruct`.")]
 _Candidates = Annotated[
     Path | None,
@@ -117,6 +125,12 @@ def reconstruct(
             show_default="SIMPLE_RADIAL; from ten images on RADIAL with its principal point",
         ),
     ] = None,
+    gps: Annotated[
+        bool,
+        typer.Option(
+            "--gps/--no-gps", help="Use the GPS positions in EXIF; ignore them where they are wrong."
+        ),
+    ] = True,
     test_every: Annotated[
         int,
         typer.Option(
@@ -153,12 +167,13 @@ def reconstruct(
             transforms=str(transforms.absolute()) if transforms else None,
             camera_model=camera_model,
             intrinsics=read_intrinsics(intrinsics) if intrinsics else None,
+            gps=gps,
         )
         reconstruct_folder(
             images, out, settings, overwrite=overwrite, monitor=monitor, warn=warn, threads=run.threads
         )
 
-    run_job(job, machine=run.as_json, remedies={ContradictedModelsError: _CAMERA_OPTIONS})
+    run_job(job, machine=run.as_json, remedies=_REMEDIES)
     report.show_folder(out, machine=run.as_json)
 
 

@@ -24,7 +24,8 @@ class ReconstructionSettings(Record):
     ``iterations`` and ``long_side_px``: None takes the preset's. ``test_every``: of the views sorted by
     name, those with index % test_every == 0 are held out; 0 trains on all. ``colmap`` and ``transforms``:
     a folder or file with cameras to import instead of structure from motion. For structure from motion:
-    ``camera_model`` is the one to estimate, None the default; ``intrinsics`` are known and do not change.
+    ``camera_model`` is the one to estimate, None the default; ``intrinsics`` are known and do not change;
+    without ``gps`` the positions in EXIF are ignored.
     """
 
     quality: Quality = "coarse"
@@ -37,6 +38,7 @@ class ReconstructionSettings(Record):
     transforms: str | None = None
     camera_model: CameraModel | None = None
     intrinsics: KnownIntrinsics | None = None
+    gps: bool = True
 
     @property
     def training_long_side_px(self) -> int:

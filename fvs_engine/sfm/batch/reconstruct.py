@@ -12,7 +12,7 @@ from pathlib import Path
 
 from pydantic import ValidationError
 
-from fvs_engine.errors import ContradictedModelsError, ReconstructionError
+from fvs_engine.errors import ContradictedModelsError, ContradictedPositionsError, ReconstructionError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.images.names import listed
 from fvs_engine.monitor import Monitor
@@ -33,7 +33,7 @@ from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, ComponentReport, SfmReport
 from fvs_engine.sfm.settings import MapperName, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
-from fvs_engine.sfm.verification.gate import Decision, decide, unsupported_images
+from fvs_engine.sfm.verification.gate import Decision, contradictions_of_priors, decide, unsupported_images
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 _MIN_IMAGES = 2
@@ -247,8 +247,20 @@ def _failure(
             hint="Add photographs from in between, taken from different places rather than by turning.",
         )
     reasons = "; ".join(f"{candidate.mapper}: {' '.join(candidate.reasons)}" for candidate in candidates)
+    message = f"Every model contradicts the images' matches or positions. {reasons}"
+    if any(
+        contradictions_of_priors(candidate.evidence, candidate.registered, stages.settings.gate)
+        for candidate in candidates
+        if candidate.evidence is not None
+    ):
+        return ContradictedPositionsError(
+            message,
+            hint="The positions may be wrong: check their units, axes and altitude datum, and whether they "
+            "belong to these images; or leave them out. If they are right, places that look alike were "
+            "confused: photograph from farther away, with something unique in view, and in between.",
+        )
     return ContradictedModelsError(
-        f"Every model contradicts the images' matches or positions. {reasons}",
+        message,
         hint="Places that look alike cause this, a zoom that EXIF does not record, or a wrong camera model. "
         "Take photographs from farther away, which include something unique, and some in between; do not "
         "zoom; give positions, as GPS in EXIF or with the upload. If the camera is the cause, give its "

@@ -157,7 +157,7 @@ def _judge(model: JudgedModel, agreements: Sequence[Agreement], settings: GateSe
             f"Matches of ALIKED features contradict the poses of {_counted(contradicted, images)}."
         )
     if not priors_are_wrong(evidence):
-        rejections += _contradictions_of_priors(evidence, images, settings)
+        rejections += contradictions_of_priors(evidence, images, settings)
     if rejections:
         return Judgement("rejected", tuple(rejections))
     doubts = _doubts_beyond_pairs(evidence)
@@ -317,7 +317,8 @@ def priors_are_wrong(evidence: Evidence) -> bool:
     return evidence.prior_support is not None and evidence.prior_support < MIN_PRIOR_SUPPORT
 
 
-def _contradictions_of_priors(evidence: Evidence, images: int, settings: GateSettings) -> list[str]:
+def contradictions_of_priors(evidence: Evidence, images: int, settings: GateSettings) -> list[str]:
+    """How a model of so many ``images`` contradicts its position priors, in sentences."""
     found = []
     misplaced, residual = evidence.misplaced_images, evidence.prior_residual_share
     if len(misplaced) > MAX_MISPLACED_SHARE * images:

@@ -11,19 +11,24 @@ from PIL import Image
 
 from fvs_engine.errors import (
     Cancelled,
+    ContradictedModelsError,
+    ContradictedPositionsError,
     DamagedOutputError,
     NoImagesError,
     ReconstructionError,
     StorageError,
 )
 from fvs_engine.geometry import PinholeCamera
+from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.sfm import stages as stages_module
 from fvs_engine.sfm.batch.mapping import MappedModel
 from fvs_engine.sfm.batch.reconstruct import SfmResult, model_warnings, reconstruct
 from fvs_engine.sfm.colmap.model import read_colmap
+from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.report import SfmReport
 from fvs_engine.sfm.settings import KnownIntrinsics, SfmSettings
+from fvs_engine.sfm.verification import gate
 from fvs_engine.sfm.verification.gate import JudgedModel
 
 GLOBAL_FIRST = SfmSettings(incremental_first_up_to=0)
@@ -99,6 +104,35 @@ def test_a_damaged_report_is_written_again(
     assert SfmReport.model_validate_json((tmp_path / "sfm" / "report.json").read_text()) == again.report
 
 
+def test_wrong_positions_are_named_as_a_possible_cause_and_can_be_left_out(
+    kermit_sfm: SfmResult,
+    kermit_dir: Path,
+    kermit_names: list[str],
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+):
+    """As with altitudes of another datum from the eighth photograph on."""
+    monkeypatch.setattr(gate, "MIN_PRIOR_SUPPORT", 0.4)  # else so many pairs would settle it
+    shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
+    (tmp_path / "sfm" / "report.json").unlink()
+    centres = kermit_sfm.reconstruction.centres()
+    spread = centre_spread(np.stack(list(centres.values())))
+    wrong = {
+        name: PosePrior.at(centres[name] + [0, 0, 2 * spread * (place >= 7)], 0.01 * spread)
+        for place, name in enumerate(kermit_names)
+    }
+
+    def reconstruct_with(priors: PosePriors) -> SfmReport:
+        return reconstruct(
+            kermit_dir, kermit_names, tmp_path / "sfm", SfmSettings(), Monitor(), priors
+        ).report
+
+    with pytest.raises(ContradictedPositionsError) as caught:
+        reconstruct_with(PosePriors(by_name=wrong))
+    assert "altitude datum" in caught.value.hint
+    assert reconstruct_with(PosePriors()).verdict == "accepted"
+
+
 def test_another_gate_judges_the_same_models_again(
     kermit_sfm: SfmResult,
     kermit_dir: Path,
@@ -109,7 +143,7 @@ def test_another_gate_judges_the_same_models_again(
     stages = set()
     strict = SfmSettings.model_validate({"gate": {"min_match_support": 1, "min_doubtful_match_support": 1}})
     monitor = Monitor(lambda progress: stages.add(progress.stage))
-    with pytest.raises(ReconstructionError, match="contradicts"):
+    with pytest.raises(ContradictedModelsError, match="contradicts"):
         reconstruct(kermit_dir, kermit_names, tmp_path / "sfm", strict, monitor)
     assert "global mapping" in stages
     assert "incremental mapping" not in stages
