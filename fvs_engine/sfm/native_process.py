@@ -79,7 +79,8 @@ def run_native(
     if outcome is None:
         raise _death(job, status, log_file)
     if "error" in outcome:
-        raise NativeJobError(f"Stage {job!r} failed: {outcome['error']}", hint=f"Details are in {log_file}.")
+        reason = outcome["error"].rstrip(".")
+        raise NativeJobError(f"Stage {job!r} failed: {reason}.", hint=f"Details are in {log_file}.")
     return outcome["result"]
 
 

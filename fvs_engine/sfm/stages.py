@@ -12,7 +12,7 @@ from typing import Any
 
 import pycolmap
 
-from fvs_engine.errors import InvalidInputError, NoImagesError
+from fvs_engine.errors import InvalidInputError, NativeJobError, NoImagesError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.colmap.database import (
@@ -214,12 +214,17 @@ class Stages:
         """Run a native job on ``items``, images or pairs of them; its result.
 
         ``arguments`` are those of the job on a part of the items, which may run several times. Raises
-        ``CulpritError`` when a single item crashes it, whose image is ``image_of`` it (see ``culprit``).
+        ``CulpritError`` when a single item crashes it, whose image is ``image_of`` it (see ``culprit``), and
+        ``DamagedOutputError`` when the database is the cause.
         """
         results = []
 
         def run(some: Sequence[Item]) -> None:
-            results.append(self.native(job, arguments(some), on_tick=on_tick, on_event=on_event))
+            try:
+                results.append(self.native(job, arguments(some), on_tick=on_tick, on_event=on_event))
+            except NativeJobError:
+                require_sound_database(self.folder.database)  # else no image is to blame
+                raise
 
         accused = run_or_accuse(run, items, controls)
         if accused is not None:

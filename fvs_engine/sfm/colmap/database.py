@@ -44,23 +44,11 @@ def require_sound_database(path: Path) -> None:
     """
     if not path.exists():
         return
-    try:
-        with contextlib.closing(sqlite3.connect(path, timeout=2.0)) as connection:
-            connection.execute("BEGIN IMMEDIATE")
-            connection.rollback()
-            (answer,) = connection.execute("PRAGMA quick_check(1)").fetchone()
-            tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
-    except sqlite3.OperationalError as error:
-        if "locked" not in str(error) and "busy" not in str(error):
-            raise StorageError(
-                f"The feature database {path} cannot be opened: {error}.",
-                hint="Check the folder's permissions and the free space on its disk.",
-            ) from error
-        raise StorageError(
-            f"Another process works on {path}.", hint="Wait until it ends, or give another output folder."
-        ) from error
-    except sqlite3.DatabaseError as error:
-        raise _damaged(path) from error
+    with _errors_named(path), contextlib.closing(sqlite3.connect(path, timeout=2.0)) as connection:
+        connection.execute("BEGIN IMMEDIATE")
+        connection.rollback()
+        (answer,) = connection.execute("PRAGMA quick_check(1)").fetchone()
+        tables = {name for (name,) in connection.execute("SELECT name FROM sqlite_master")}
     if answer != "ok":
         raise _damaged(path)
     if not tables >= _TABLES:
@@ -76,15 +64,35 @@ def _damaged(path: Path) -> DamagedOutputError:
 
 
 @contextlib.contextmanager
+def _errors_named(path: Path) -> Iterator[None]:
+    """SQLite's errors in the block become ``StorageError``s that name the database and the remedy."""
+    try:
+        yield
+    except sqlite3.OperationalError as error:
+        if "locked" in str(error) or "busy" in str(error):
+            raise StorageError(
+                f"Another process works on {path}.", hint="Wait until it ends, or give another output folder."
+            ) from error
+        raise StorageError(
+            f"The feature database {path} cannot be used: {error}.",
+            hint="Check the folder's permissions and the free space on its disk.",
+        ) from error
+    except sqlite3.DatabaseError as error:
+        raise _damaged(path) from error
+
+
+@contextlib.contextmanager
 def _reading(path: Path) -> Iterator[sqlite3.Connection]:
     address = f"{path.absolute().as_uri()}?mode=ro"
-    with contextlib.closing(sqlite3.connect(address, uri=True, timeout=5.0)) as db:
-        try:
-            yield db
-        except sqlite3.OperationalError:
-            raise
-        except sqlite3.DatabaseError as error:
-            raise _damaged(path) from error
+    with _errors_named(path), contextlib.closing(sqlite3.connect(address, uri=True, timeout=5.0)) as db:
+        yield db
+
+
+@contextlib.contextmanager
+def _writing(path: Path) -> Iterator[sqlite3.Connection]:
+    """A transaction."""
+    with _errors_named(path), contextlib.closing(sqlite3.connect(path, timeout=5.0)) as db, db:
+        yield db
 
 
 def remove_images(path: Path, names: Iterable[str]) -> None:
@@ -93,7 +101,7 @@ def remove_images(path: Path, names: Iterable[str]) -> None:
         return
     known = image_ids(path)
     numbers = [(known[name],) for name in names if name in known]
-    with contextlib.closing(sqlite3.connect(path, timeout=5.0)) as db, db:
+    with _writing(path) as db:
         for table in ("keypoints", "descriptors", "images"):
             db.executemany(f"DELETE FROM {table} WHERE image_id = ?", numbers)
         for table in ("matches", "two_view_geometries"):
@@ -112,7 +120,7 @@ def veto_pairs(path: Path, pairs: Iterable[tuple[int, int]]) -> None:
     The matches themselves are kept, so that pairs that are restored need not be matched again.
     """
     numbers = [(pair_number(*pair),) for pair in pairs]
-    with contextlib.closing(sqlite3.connect(path, timeout=5.0)) as db, db:
+    with _writing(path) as db:
         vetoed = f"SET rows = 0, data = NULL, config = {_VETOED}"
         db.executemany(f"UPDATE two_view_geometries {vetoed} WHERE pair_id = ?", numbers)
 
@@ -123,7 +131,7 @@ def restore_pairs(path: Path) -> list[tuple[str, str]]:
     A pair is returned at every call until it is verified: the process may be killed before.
     """
     names = {image_id: name for name, image_id in image_ids(path).items()}
-    with contextlib.closing(sqlite3.connect(path, timeout=5.0)) as db, db:
+    with _writing(path) as db:
         vetoed = f"two_view_geometries WHERE config = {_VETOED} AND rows = 0"  # COLMAP's own keep matches
         db.execute("CREATE TABLE IF NOT EXISTS restored_pairs (pair_id INTEGER PRIMARY KEY)")  # not COLMAP's
         db.execute(f"INSERT OR IGNORE INTO restored_pairs SELECT pair_id FROM {vetoed}")
@@ -139,7 +147,7 @@ def count_rows(path: Path, table: str) -> int:
     try:
         with _reading(path) as db:
             return int(db.execute(f"SELECT count(*) FROM {table}").fetchone()[0])
-    except (sqlite3.Error, DamagedOutputError):
+    except StorageError:
         return 0
 
 

@@ -1,9 +1,10 @@
 """A reconstruction that images are added to, one by one or many at once."""
 
+import contextlib
 import logging
 import shutil
 import tempfile
-from collections.abc import Collection, Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
@@ -174,23 +175,24 @@ class GrowingReconstruction:
         sizes = require_unchanged(self._state, self._image_dir, names)
         new = {name: size for name, size in sizes.items() if name not in self._state.images}
         _require_readable(self._image_dir, tuple(new))
-        if new:
-            self._remove_left_over()
-            self._state = self._state.model_copy(
-                update={"images": self._state.images | new, "pending": (*self._state.pending, *new)}
-            )
-            self._folder.save(self._state)
-        before = self.reconstruction.views if known is None else known
-        if known is None:
-            self._state = self._state.model_copy(update={"unreported": ()})
-        seconds: Mapping[str, float] = {}
-        while self._state.pending and len(self._state.images) >= _MIN_BOOTSTRAP:
-            try:
-                advance = self._grow if self.registered else self._bootstrap
-                seconds = advance(monitor, priors)
-            except CulpritError as culprit:
-                self._folder.sfm.quarantine.add(culprit)
-                self._remove({culprit.name})
+        with self._damage_named():
+            if new:
+                self._remove_left_over()
+                self._state = self._state.model_copy(
+                    update={"images": self._state.images | new, "pending": (*self._state.pending, *new)}
+                )
+                self._folder.save(self._state)
+            before = self.reconstruction.views if known is None else known
+            if known is None:
+                self._state = self._state.model_copy(update={"unreported": ()})
+            seconds: Mapping[str, float] = {}
+            while self._state.pending and len(self._state.images) >= _MIN_BOOTSTRAP:
+                try:
+                    advance = self._grow if self.registered else self._bootstrap
+                    seconds = advance(monitor, priors)
+                except CulpritError as culprit:
+                    self._folder.sfm.quarantine.add(culprit)
+                    self._remove({culprit.name})
         crashed = (warning(*each) for each in self.quarantined.items() if each[0] not in quarantined)
         warnings = without_registered(dict.fromkeys((*self._state.unreported, *crashed)), self.registered)
         current = self.reconstruction
@@ -242,7 +244,8 @@ class GrowingReconstruction:
         fewer than two registered images are left, the next images start a new model, in a frame of its own.
         An image that was removed, or quarantined, can be added again. Raises as ``add`` for damaged files.
         """
-        self._remove(names)
+        with self._damage_named():
+            self._remove(names)
         self._folder.sfm.quarantine.release(names)
 
     def localise(
@@ -361,15 +364,21 @@ class GrowingReconstruction:
 
     def _require_sound_database(self) -> None:
         """Check the database; the model names its images by that one's ids, so no other replaces it."""
-        database, hint = self._folder.sfm.database, f"Delete {self._folder.root} and add the images again."
+        database = self._folder.sfm.database
         if not self._database_is_sound:
-            try:
-                require_sound_database(database)
-            except DamagedOutputError as damage:
-                raise DamagedOutputError(damage.message, hint=hint) from damage
+            require_sound_database(database)
         if self.registered and not database.exists():
-            raise DamagedOutputError(f"The feature database {database} is missing.", hint=hint)
+            raise DamagedOutputError(f"The feature database {database} is missing.")
         self._database_is_sound = True
+
+    @contextlib.contextmanager
+    def _damage_named(self) -> Iterator[None]:
+        """Errors of damaged files in the block get the remedy: nothing can be added to them."""
+        try:
+            yield
+        except DamagedOutputError as damage:
+            hint = f"Delete {self._folder.root} and add the images again."
+            raise DamagedOutputError(damage.message, hint=hint) from damage
 
     def _extract_features(self, stages: Stages) -> list[str]:
         """Extract features of all added images; returns the images that have some."""
