@@ -277,6 +277,15 @@ def test_a_warning_says_when_hardly_any_candidate_can_be_registered(
     assert all(warning.message.startswith(said or "") and "nearer" in warning.hint for warning in found)
 
 
+@pytest.mark.parametrize(("positions", "in_model", "warned"), [(0, False, 0), (9, False, 1), (9, True, 0)])
+def test_positions_that_align_nothing_are_warned_of_where_the_world_frame_is_asked_for(
+    positions: int, in_model: bool, warned: int
+) -> None:
+    alignment = Alignment(positions=positions)
+    found = warnings_of(alignment, in_model=in_model, candidates=9, registrable=9)
+    assert [warning.code for warning in found] == ["positions-unused"] * warned
+
+
 def test_a_ranking_has_the_warning(gateway: Any, scene: str, monkeypatch: pytest.MonkeyPatch) -> None:
     rank = gateway.runners._rank
     monkeypatch.setattr(

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.alignment.attitudes import Attitude, Headings, model_down
+from fvs_engine.geometry.alignment.positions import fit_positions
 from fvs_engine.geometry.alignment.similarity import robust_umeyama
 from fvs_engine.geometry.rotations import matrix_from_rotation_vector
 from fvs_engine.geometry.transforms import RigidTransform, SimilarityTransform
@@ -51,13 +52,15 @@ def georeference(
     model_from_cameras: Sequence[RigidTransform],
     world_positions: Array,
     attitudes: Sequence[Attitude | None] | None = None,
+    position_sigmas: Array | None = None,
 ) -> Georeference | None:
     """Align camera centres with position priors [N, 3], z up; None if the priors do not determine it.
 
-    Robust: up to half of the positions may be wrong. Where the centres lie on a line they leave the rotation
-    about it open, and by their noise its tilt; then positions and attitudes (one or None per camera) are
-    fitted together. Attitudes that contradict each other or the positions are not used; nor are yaws alone
-    that contradict gravity and positions.
+    Robust: up to a third of the positions may be wrong. When more are, for their ``position_sigmas`` [N]
+    (by default 0), they contradict the model, and there is no alignment. Where the centres lie on a line they
+    leave the rotation about it open, and by their noise its tilt; then positions and attitudes (one or None
+    per camera) are fitted together. Attitudes that contradict each other or the positions are not used; nor
+    are yaws alone that contradict gravity and positions.
     """
     if len(model_from_cameras) < 3:
         return None
@@ -65,6 +68,10 @@ def georeference(
     try:
         report = robust_umeyama(centres, world_positions)
     except InvalidInputError:
+        return None
+    sigmas = np.zeros(len(centres)) if position_sigmas is None else position_sigmas
+    fit = fit_positions(centres, world_positions, sigmas)
+    if fit is not None and fit.contradicts:
         return None
     inliers = report.inliers
     found = Georeference(report.transform, report.rms, int(inliers.sum()), report.ill_conditioned)

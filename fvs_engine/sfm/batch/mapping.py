@@ -10,6 +10,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from fvs_engine.geometry.alignment.positions import MAX_MISPLACED_SHARE
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.colmap.database import (
     VerifiedPair,
@@ -38,7 +39,7 @@ from fvs_engine.sfm.verification.gate import (
     unsupported_images,
 )
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
-from fvs_engine.sfm.verification.positions import MAX_MISPLACED_SHARE, usable_priors
+from fvs_engine.sfm.verification.positions import usable_priors
 from fvs_engine.sfm.verification.witness import WitnessMatches
 
 _FEW_POINTS_SHARE = 0.1

@@ -34,6 +34,7 @@ from fvs_engine.sfm.quarantine import CulpritError, warning
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
+from fvs_engine.sfm.verification.gate import PRIORS_IGNORED
 from fvs_engine.sfm.warnings import without_doubts, without_registered
 from fvs_engine.views import AnyView
 
@@ -301,6 +302,9 @@ class GrowingReconstruction:
                 "mapped_images": len(names),
                 "mapped_support": chosen.evidence.match_support if chosen.evidence is not None else 0.0,
                 "unreported": (*self._state.unreported, *result.report.warnings),
+                "priors_ignored": tuple(
+                    sentence for sentence in result.report.warnings if sentence == PRIORS_IGNORED
+                ),
             }
         )
         registered = [name for name in names if name in posed]

@@ -21,6 +21,7 @@ from fvs_engine.files.record import read_record, write_record
 from fvs_engine.records import Record
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder
+from fvs_engine.sfm.verification.gate import PRIORS_IGNORED
 
 
 class GrowthState(Record):
@@ -175,6 +176,12 @@ class GrowthFolder:
         """The COLMAP model that was committed last; None without one. Raises ``StorageError``."""
         state = self._read()
         return self.model(state.generation) if state is not None and state.registered else None
+
+    @property
+    def ignores_positions(self) -> bool:
+        """Whether the images contradicted the position priors of the last update. Raises ``StorageError``."""
+        state = self._read()
+        return state is not None and PRIORS_IGNORED in state.priors_ignored
 
     def save(self, state: GrowthState) -> None:
         """Commit a state with the current model."""

@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.alignment.cameras import centre_spread
+from fvs_engine.geometry.alignment.positions import MAX_MISPLACED_SHARE
 from fvs_engine.geometry.alignment.similarity import umeyama
 from fvs_engine.images.names import listed
 from fvs_engine.sfm.report import Agreement, Evidence, Verdict
 from fvs_engine.sfm.settings import GateSettings
-from fvs_engine.sfm.verification.positions import MAX_MISPLACED_SHARE
 from fvs_engine.sfm.warnings import doubtful
 
 MIN_SHARED_IMAGES = 4

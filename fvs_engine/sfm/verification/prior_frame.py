@@ -11,7 +11,7 @@ from fvs_engine.geometry.alignment.cameras import centre_spread, mean_rotation
 from fvs_engine.geometry.alignment.similarity import AlignmentReport
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.verification.pair_check import angle_deg, vector_angle_deg
-from fvs_engine.sfm.verification.positions import align_positions, contradict
+from fvs_engine.sfm.verification.positions import fit_priors
 
 Array = NDArray[np.float64]
 
@@ -51,10 +51,10 @@ def believed_frame(priors: PosePriors, poses: Mapping[str, RigidTransform]) -> P
     """
     centres = {name: pose.translation for name, pose in poses.items()}
     shared = sorted(centres.keys() & priors.by_name.keys())
-    aligned = align_positions(priors, centres, shared)
-    if aligned is None or contradict(priors, centres):
+    fit = fit_priors(priors, centres)
+    if fit is None or fit.contradicts:
         return None
-    report, _, _ = aligned
+    report = fit.report
     by_orientations = _rotation_by_orientations(priors, poses)
     if by_orientations is not None and not _fits(by_orientations, report, priors, centres, shared):
         by_orientations = None
@@ -97,10 +97,10 @@ def orientations_contradict(priors: PosePriors, poses: Mapping[str, RigidTransfo
         return True
     centres = {name: pose.translation for name, pose in poses.items()}
     shared = sorted(centres.keys() & priors.by_name.keys())
-    aligned = align_positions(priors, centres, shared)
-    if aligned is None or contradict(priors, centres):
+    fit = fit_priors(priors, centres)
+    if fit is None or fit.contradicts:
         return False
-    return not _fits(by_orientations, aligned[0], priors, centres, shared)
+    return not _fits(by_orientations, fit.report, priors, centres, shared)
 
 
 def _fits(

@@ -52,6 +52,7 @@ class RankingWarningCode(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     RANKING_WARNING_CODE_UNSPECIFIED: _ClassVar[RankingWarningCode]
     RANKING_WARNING_CODE_ILL_CONDITIONED: _ClassVar[RankingWarningCode]
     RANKING_WARNING_CODE_FEW_REGISTRABLE: _ClassVar[RankingWarningCode]
+    RANKING_WARNING_CODE_POSITIONS_UNUSED: _ClassVar[RankingWarningCode]
 
 class MissionFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -111,6 +112,7 @@ VOLUME_LOOK_NEAREST: VolumeLook
 RANKING_WARNING_CODE_UNSPECIFIED: RankingWarningCode
 RANKING_WARNING_CODE_ILL_CONDITIONED: RankingWarningCode
 RANKING_WARNING_CODE_FEW_REGISTRABLE: RankingWarningCode
+RANKING_WARNING_CODE_POSITIONS_UNUSED: RankingWarningCode
 MISSION_FORMAT_UNSPECIFIED: MissionFormat
 MISSION_FORMAT_QGC_PLAN: MissionFormat
 MISSION_FORMAT_QGC_WPL: MissionFormat

@@ -12,6 +12,8 @@ class RankingWarningCode(StrEnum):
 
     ILL_CONDITIONED = "ill-conditioned"
     """The axes of the world frame may be turned about the line of the cameras."""
+    POSITIONS_UNUSED = "positions-unused"
+    """The positions of the images contradict the model: the world frame is the model's."""
     FEW_REGISTRABLE = "few-registrable"
     """Hardly any candidate sees enough of what the images show to be registered."""
 
@@ -26,10 +28,20 @@ class RankingWarning(Model):
 
 _ILL_CONDITIONED = RankingWarning(
     code=RankingWarningCode.ILL_CONDITIONED,
-    message="The photographs lie on a line, which leaves the rotation of the world frame about it open: "
-    "poses in the world frame, and geodetic ones, may be off by tens of degrees.",
+    message="The photographs lie on a line, or hardly farther apart than their positions are accurate, which "
+    "leaves the rotation of the world frame open: poses in it, also geodetic ones, may be off by tens of "
+    "degrees.",
     hint="Fly a second line beside the first, or send yaw, pitch and roll of the camera with every image; or "
     "give poses in the model frame.",
+)
+
+
+_POSITIONS_UNUSED = RankingWarning(
+    code=RankingWarningCode.POSITIONS_UNUSED,
+    message="The positions of the photographs contradict the model, or are too few: the world frame is the "
+    "model's, and lengths have no unit.",
+    hint="Check the units, axes and altitude datum of the positions, and whether they belong to these "
+    "photographs; or give poses in the model frame.",
 )
 
 
@@ -44,6 +56,8 @@ def warnings_of(
     found = []
     if alignment.status is AlignmentStatus.ILL_CONDITIONED and not in_model:
         found.append(_ILL_CONDITIONED)
+    if alignment.status is AlignmentStatus.MODEL and alignment.positions > 0 and not in_model:
+        found.append(_POSITIONS_UNUSED)
     few = few_registrable(registrable, candidates)
     if few is not None:
         code = RankingWarningCode.FEW_REGISTRABLE

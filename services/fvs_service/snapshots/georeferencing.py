@@ -6,6 +6,7 @@ import numpy as np
 
 from fvs_engine.geometry import RigidTransform, quaternion_from_matrix
 from fvs_engine.geometry.alignment.attitudes import Attitude
+from fvs_engine.geometry.alignment.positions import GPS_ACCURACY_M
 from fvs_engine.geometry.alignment.world import georeference
 from fvs_engine.geometry.geodetic import GeodeticPosition, enu_from_geodetic
 from fvs_service.images.model import Image, Prior
@@ -14,14 +15,19 @@ from fvs_service.scenes.poses import geodetic_origin
 
 
 def align(
-    scene: Scene, images: Mapping[str, Image], model_from_camera: Mapping[str, RigidTransform]
+    scene: Scene,
+    images: Mapping[str, Image],
+    model_from_camera: Mapping[str, RigidTransform],
+    *,
+    positions_ignored: bool = False,
 ) -> Alignment:
     """Align the registered cameras (digest → model_from_camera) with the priors of their images.
 
-    With too few or degenerate positions the world frame stays the model frame.
+    With too few or degenerate positions, or ones that contradict the model or were ignored when it was made,
+    the world frame stays the model frame.
     """
     known = [
-        (camera, position, _attitude(image.prior))
+        (camera, position, _attitude(image.prior), position_sigma_m(image.prior))
         for digest, camera in model_from_camera.items()
         if (image := images.get(digest)) is not None
         and image.prior is not None
@@ -29,10 +35,13 @@ def align(
     ]
     if not known:
         return Alignment()
+    if positions_ignored:
+        return Alignment(positions=len(known))
     found = georeference(
-        [camera for camera, _, _ in known],
-        np.stack([position for _, position, _ in known]),
-        [attitude for _, _, attitude in known],
+        [camera for camera, *_ in known],
+        np.stack([position for _, position, *_ in known]),
+        [attitude for _, _, attitude, _ in known],
+        np.array([sigma for _, _, _, sigma in known]),
     )
     if found is None:
         return Alignment(positions=len(known))
@@ -62,6 +71,13 @@ def world_position(prior: Prior, origin: Origin | None) -> np.ndarray | None:
         return None
     position = GeodeticPosition(prior.latitude_deg, prior.longitude_deg, prior.altitude_m)
     return enu_from_geodetic(position, geodetic_origin(origin))
+
+
+def position_sigma_m(prior: Prior) -> float:
+    """The standard deviation of a prior's position; by default that of GPS, where it is from GPS."""
+    if prior.position_sigma_m is not None:
+        return prior.position_sigma_m
+    return GPS_ACCURACY_M if prior.geodetic else 0.0
 
 
 def _attitude(prior: Prior | None) -> Attitude | None:

@@ -257,7 +257,9 @@ class JobRuns:
         with self._storage.database.reading() as session:
             scene = find_scene(session, job.scene_id)
         by_digest = {image.digest: image for image in images}
-        alignment = align(scene, by_digest, outcome.model_from_camera)
+        alignment = align(
+            scene, by_digest, outcome.model_from_camera, positions_ignored=outcome.positions_ignored
+        )
         folder = Path(outcome.folder)
         write_text_atomically(folder / ALIGNMENT, alignment.model_dump_json(indent=1))
         updating = job.kind is JobKind.UPDATE

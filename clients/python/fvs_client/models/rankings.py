@@ -146,7 +146,8 @@ class RankingWarning(Answer):
 
     code: str
     """`ill-conditioned`: the world frame may be turned about the line of the photographs.
-    `few-registrable`: hardly any candidate sees enough of what the images show to be registered."""
+    `few-registrable`: hardly any candidate sees enough of what the images show to be registered.
+    `positions-unused`: the images' positions contradict the model, so the world frame is the model's."""
     message: str
     hint: str
 

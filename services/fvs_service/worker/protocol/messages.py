@@ -115,7 +115,8 @@ class JobOutcome(Record):
     """What a job has made: ``files`` in ``folder``, and which images are registered.
 
     ``model_from_camera`` has the poses of the registered images by digest; ``unregistered`` has the digests
-    of all others that the job processed, with the reasons, which may be empty.
+    of all others that the job processed, with the reasons, which may be empty. ``positions_ignored``: the
+    images contradict the positions, so these do not align the model with the world.
     """
 
     folder: str
@@ -123,6 +124,7 @@ class JobOutcome(Record):
     model_from_camera: dict[str, RigidTransform]
     unregistered: dict[str, str]
     metrics: SnapshotMetrics
+    positions_ignored: bool = False
 
 
 class Failure(Record):

@@ -6,10 +6,9 @@ import numpy as np
 
 from fvs_engine.geometry.geodetic import camera_at
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
-from fvs_engine.sfm.verification.positions import GPS_ACCURACY_M
 from fvs_service.images.model import Image, Prior, PriorSource
 from fvs_service.scenes.model import Origin
-from fvs_service.snapshots.georeferencing import world_position
+from fvs_service.snapshots.georeferencing import position_sigma_m, world_position
 
 _ATTITUDE_SIGMA_DEG = 10.0
 """The default: a gimbal's pitch and roll are good to a degree or two, its compass is not."""
@@ -40,12 +39,10 @@ def _tells_more_than_the_file(prior: Prior) -> bool:
 
 def _pose_prior(prior: Prior, position: np.ndarray) -> PosePrior:
     """The position, and the orientation where it is known; a photograph without a roll is upright."""
-    position_sigma_m, attitude_sigma_deg = prior.position_sigma_m, prior.attitude_sigma_deg
-    if position_sigma_m is None:
-        position_sigma_m = GPS_ACCURACY_M if prior.geodetic else 0.0
+    sigma_m, attitude_sigma_deg = position_sigma_m(prior), prior.attitude_sigma_deg
     if attitude_sigma_deg is None:
         attitude_sigma_deg = _ATTITUDE_SIGMA_DEG
     if prior.yaw_deg is None or prior.pitch_deg is None:
-        return PosePrior.at(position, position_sigma_m)
+        return PosePrior.at(position, sigma_m)
     world_from_camera = camera_at(position, prior.yaw_deg, prior.pitch_deg, prior.roll_deg or 0.0)
-    return PosePrior.of_camera(world_from_camera, position_sigma_m, attitude_sigma_deg)
+    return PosePrior.of_camera(world_from_camera, sigma_m, attitude_sigma_deg)

@@ -328,7 +328,7 @@ class SceneJobs:
         if kept.exists() and any(view.name not in images for view in read_colmap(kept).views):
             fresh_folder(fine)
         if not kept.exists():
-            model_dir = GrowthFolder(SceneFiles(self._folder.growing).sfm).current_model
+            model_dir = self._growth.current_model
             if model_dir is None:
                 raise InvalidInputError("The scene has no cameras yet.", hint="Run an update first.")
             partial = fresh_folder(fine / "sparse.partial")
@@ -337,6 +337,10 @@ class SceneJobs:
             model.write_binary(partial)
             partial.rename(kept)
         return read_colmap(kept)
+
+    @property
+    def _growth(self) -> GrowthFolder:
+        return GrowthFolder(SceneFiles(self._folder.growing).sfm)
 
     def _usual_side(self) -> int:
         """The image size that the scene's updates train with."""
@@ -386,6 +390,7 @@ class SceneJobs:
             model_from_camera={images[view.name].digest: view.camera_from_model.inverse() for view in views},
             unregistered=unregistered,
             metrics=metrics,
+            positions_ignored=self._growth.ignores_positions,
         )
 
 

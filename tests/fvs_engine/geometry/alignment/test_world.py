@@ -32,6 +32,20 @@ def test_cameras_land_where_they_were_despite_wrong_positions() -> None:
     )
 
 
+def test_positions_that_most_cameras_contradict_align_nothing() -> None:
+    """As (north, east, up) for (east, north, up), or positions of other photographs."""
+    angles = np.linspace(0.0, 4.0 * np.pi, 16)
+    centres = np.stack([np.cos(angles), np.sin(angles), 0.2 * angles], axis=1)  # has no mirror image
+    positions = 40.0 * centres + np.random.default_rng(0).normal(size=(16, 3))
+    sigmas = np.full(16, 2.0)
+    aligned = georeference(_cameras(centres), positions, None, sigmas)
+    assert aligned is not None
+    assert aligned.inliers >= 14
+    assert georeference(_cameras(centres), positions[:, [1, 0, 2]], None, sigmas) is None
+    shuffled = np.random.default_rng(1).permutation(positions)
+    assert georeference(_cameras(centres), shuffled, None, sigmas) is None
+
+
 def _attitude(world_from_camera: np.ndarray) -> Attitude:
     x, _, z = world_from_camera.T
     yaw, pitch = np.arctan2(z[0], z[1]), np.arcsin(z[2])

@@ -1,0 +1,31 @@
+"""Positions that the first images contradict are remembered: nothing else aligns a model with them."""
+
+import shutil
+from pathlib import Path
+
+import pytest
+
+from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.batch.reconstruct import SfmResult
+from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
+from fvs_engine.sfm.growing.state import GrowthFolder
+from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
+from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.sfm.verification.gate import PRIORS_IGNORED
+
+
+@pytest.mark.parametrize("mirrored", [False, True])
+def test_positions_that_the_images_contradict_are_ignored_by_the_first_model(
+    mirrored: bool, kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+) -> None:
+    shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
+    (tmp_path / "sfm" / "report.json").unlink()
+    assert not GrowthFolder(tmp_path).ignores_positions
+    x = -1.0 if mirrored else 1.0
+    centres = kermit_sfm.reconstruction.centres()
+    given = {name: PosePrior.at(centre * [x, 1.0, 1.0], 0.01) for name, centre in centres.items()}
+    growing = GrowingReconstruction.open(tmp_path, kermit_dir, SfmSettings(), Monitor())
+    update = growing.add(kermit_names, Monitor(), PosePriors(by_name=given))
+    assert len(update.registered) == len(kermit_names)
+    assert (PRIORS_IGNORED in update.warnings) == mirrored
+    assert GrowthFolder(tmp_path).ignores_positions == mirrored
