@@ -33,7 +33,7 @@ from fvs_engine.errors import EngineError
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.geometry.alignment.dataset import align_dataset
 from fvs_engine.monitor import Monitor
-from fvs_engine.plan.registration import ENOUGH, EVEN_CHANCE, SLOPE, Familiarity
+from fvs_engine.plan.familiarity import ENOUGH, EVEN_CHANCE, SLOPE, Familiarity
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.dataset_folder import open_dataset
 from fvs_engine.scene.growing_scene import GrowingScene

@@ -89,7 +89,7 @@ def show_plan(result: "PlanResult", folder: Path, *, machine: bool) -> None:
     table = Table("vehicle", "stop", "id", "distance", "travel", "expected dB", box=None, header_style="bold")
     for column in (0, 1, 3, 4, 5):
         table.columns[column].justify = "right"
-    for vehicle, tour in enumerate(result.mission.tours, start=1):
+    for vehicle, tour in enumerate(result.plan.tours, start=1):
         for number, stop in enumerate(tour.stops, start=1):
             forecast = stop.after.forecast
             expected = (

@@ -26,8 +26,8 @@ from fvs_engine.plan.flight import free_legs
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.generate import Aim, candidates_in
 from fvs_engine.plan.kriging import variances
-from fvs_engine.plan.mission import plan_mission
-from fvs_engine.plan.plan_records import Mission
+from fvs_engine.plan.plan import make_plan
+from fvs_engine.plan.plan_records import Plan
 from fvs_engine.plan.registrable import NEARER, few_registrable
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
@@ -67,12 +67,12 @@ class PlannedPose(Record):
 
 
 class PlanResult(Record):
-    """``plan.json``: the mission, the poses of its views by name, and the names of the targets."""
+    """``plan.json``: the plan, the poses of its views by name, and the names of the targets."""
 
     version: int = 1
     created: AwareDatetime = Field(default_factory=lambda: datetime.now(UTC))
     summary: str
-    mission: Mission
+    plan: Plan
     poses: tuple[PlannedPose, ...]
     targets: tuple[str, ...]
 
@@ -98,7 +98,7 @@ def plan_next_views(
     With a ``flight`` candidates may come from a volume, and vehicles keep clear of matter and no-fly zones.
 
     Returns the plan and the folder written: ``out``, or ``plan/`` in ``root``. Raises what ``open_model``,
-    ``read_candidates`` and ``plan_mission`` raise, and ``StorageError``.
+    ``read_candidates`` and ``make_plan`` raise, and ``StorageError``.
     """
     monitor = monitor or Monitor()
     model = open_model(root)
@@ -117,20 +117,20 @@ def plan_next_views(
     targets = Targets(model.training_views, later, served, observations, monitor=monitor)
     places = [np.array(start) for start in starts] or [model.training_views[-1].centre] * vehicles
     legs = free_legs(targets.centres, np.stack(places), space) if space is not None else None
-    mission = with_appearance(
-        plan_mission(targets, budget, places, _seen(model, targets.spread), legs, monitor),
+    plan = with_appearance(
+        make_plan(targets, budget, places, _seen(model, targets.spread), legs, monitor),
         later,
         model.gaussians,
         monitor,
     )
-    few = few_registrable(mission.registrable, len(later))
+    few = few_registrable(plan.registrable, len(later))
     if few is not None:
         _log.warning("%s %s", few, NEARER)
     poses = {view.name: view for view in later}
-    planned = [stop.name for tour in mission.tours for stop in tour.stops]
+    planned = [stop.name for tour in plan.tours for stop in tour.stops]
     result = PlanResult(
-        summary=mission.sentence("units"),
-        mission=mission,
+        summary=plan.sentence("units"),
+        plan=plan,
         poses=tuple(_pose(poses[name]) for name in planned),
         targets=tuple(view.name for view in served),
     )
@@ -138,7 +138,7 @@ def plan_next_views(
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     write_record(folder / "plan.json", result)
-    draw_plan(folder / "plan.png", mission, model.training_views, served, poses, title=result.summary)
+    draw_plan(folder / "plan.png", plan, model.training_views, served, poses, title=result.summary)
     return result, folder
 
 

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.files.atomic import write_bytes_atomically
 from fvs_engine.geometry.top_view import TopView
-from fvs_engine.plan.plan_records import Mission, VehicleTour
+from fvs_engine.plan.plan_records import Plan, VehicleTour
 from fvs_engine.views import PinholeView
 
 Array = NDArray[np.float64]
@@ -29,7 +29,7 @@ _MOST_NUMBERS = 60
 
 def draw_plan(
     path: Path,
-    mission: Mission,
+    plan: Plan,
     visited: Sequence[PinholeView],
     targets: Sequence[PinholeView],
     candidates: Mapping[str, PinholeView],
@@ -45,7 +45,7 @@ def draw_plan(
     width, height = np.ptp(above.project(centres), axis=0)
     figure = Figure(figsize=(_WIDTH_IN, _height_in(width, height)), layout="constrained")
     panels = figure.subplots(1, 2, sharex=True, sharey=True)
-    variances = np.array(mission.target_variances)
+    variances = np.array(plan.target_variances)
     shades = Normalize(0.0, max(1e-6, float(variances.max())))
     places = above.project(np.stack([view.centre for view in visited]))
     for axes, values, name in zip(panels, variances.T, ("now", "after the plan"), strict=True):
@@ -56,8 +56,8 @@ def draw_plan(
         axes.set_title(f"{name}: mean variance {values.mean():.3f}", loc="left", fontsize=11)
         axes.spines[["top", "right"]].set_visible(False)
         axes.set_xlabel("from above, in units of the model")
-    for number, tour in enumerate(mission.tours):
-        label = "plan" if len(mission.tours) == 1 else f"vehicle {number + 1}"
+    for number, tour in enumerate(plan.tours):
+        label = "plan" if len(plan.tours) == 1 else f"vehicle {number + 1}"
         _draw_tour(panels[1], tour, above, candidates, _TOURS[number % len(_TOURS)], label)
     figure.suptitle(title, x=0.01, ha="left", fontsize=12)
     colors = ScalarMappable(shades, _COLOR_MAP)

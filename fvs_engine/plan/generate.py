@@ -23,6 +23,8 @@ _DRAWS = 10
 _LEAST_DRAWS = 4_096
 _MOST_SHOWN = 4_000
 """Maximum number of matter centres that are tested for being in the frame, sampled evenly."""
+_LEAST_SHARE = 0.05
+"""Size of the model in a candidate's frame, in shares of its longer side, below which it shows no details."""
 _CHUNK = 1_000
 
 
@@ -50,10 +52,10 @@ def candidates_in(
     """Up to ``count`` views spread evenly over the free part of ``volume``, all in one frame.
 
     A candidate is in no no-fly zone, in reach, clear of matter, and has matter in its frame (where there is
-    any); ``aim`` is by default the middle of the matter. Its name is ``prefix`` (by default the kind of the
-    volume) and its number among the positions of the volume: the same position keeps its name when the
-    model, the zones or ``count`` change. Fewer are returned where ten times as many positions do not give
-    enough.
+    any), no farther away than where the model fills a twentieth of it; ``aim`` is by default the middle of
+    the matter. Its name is ``prefix`` (by default the kind of the volume) and its number among the positions
+    of the volume: the same position keeps its name when the model, the zones or ``count`` change. Fewer are
+    returned where ten times as many positions do not give enough.
 
     Raises ``InvalidInputError`` for a count that is not in 1 to ``MOST_CANDIDATES``, without matter and
     target, and where no position is left: with what rules them out.
@@ -99,6 +101,7 @@ class _Stages:
         elif aim.target != "nearest":
             raise InvalidInputError("Candidates aim at a target, at 'middle' or at 'nearest'.")
         self._shown = space.matter.centres[even_sample(len(space.matter), _MOST_SHOWN)]
+        self._farthest = self._distance_of_details()
         self.left = {"no-fly": 0, "reach": 0, "matter": 0}
 
     def kept(self, positions: Array, most: int) -> tuple[list[int], list[RigidTransform]]:
@@ -146,9 +149,17 @@ class _Stages:
                 hint="Give a shorter safety distance, or a volume farther from the model.",
             )
         return InvalidInputError(
-            "No candidate in the volume would have the model in its frame.",
+            "No candidate in the volume would have the model in its frame, large enough to show anything.",
             hint="Aim at the model instead of level, or give a volume or a target nearer to it.",
         )
+
+    def _distance_of_details(self) -> float:
+        """The distance at which the model, without its farthest half, fills a twentieth of the frame."""
+        if not len(self._shown):
+            return np.inf
+        radius = float(np.median(np.linalg.norm(self._shown - self._space.matter.middle, axis=1)))
+        longer = max(self._camera.width / self._camera.fx, self._camera.height / self._camera.fy)
+        return 2.0 * radius / (_LEAST_SHARE * longer) if radius > 0.0 else np.inf
 
     def _poses(self, positions: Array) -> list[RigidTransform | None]:
         """The model_from_camera of each position; None where it sees nothing or has no viewing direction."""
@@ -171,4 +182,4 @@ class _Stages:
         camera, (x, y, z) = self._camera, pose.inverse().apply(self._shown).T
         u, v = camera.fx * x + camera.cx * z, camera.fy * y + camera.cy * z
         inside = (z > 0.0) & (u >= 0.0) & (u <= camera.width * z) & (v >= 0.0) & (v <= camera.height * z)
-        return bool(inside.any())
+        return bool(inside.any() and z[inside].min() <= self._farthest)

@@ -85,7 +85,7 @@ class VehicleTour(Record):
     via_home: tuple[tuple[float, float, float], ...] = ()
 
 
-class Mission(Record):
+class Plan(Record):
     """Tours, what to expect ``now`` and at the ``end``, and the terms of candidates, planned ones first.
 
     What a stop brings assumes that all tours are flown at the same speed. ``target_variances`` are those of
@@ -111,13 +111,17 @@ class Mission(Record):
         return sum(tour.length for tour in self.tours)
 
     def sentence(self, unit: str, scale: float = 1.0) -> str:
-        """The mission in a sentence for a pilot; ``scale``: units per unit of the model frame."""
+        """The plan in a sentence for a pilot; ``scale``: units per unit of the model frame."""
         count = _plural(self.stops, "more photograph")
         flight = f"{count}, {self.length * scale:.3g} {unit} of flight"
+        return f"{flight}{self._outcome()}{self._without_stops()}"
+
+    def _outcome(self) -> str:
+        """What the plan brings, in words."""
         if self.end.forecast is None or self.now.forecast is None:
             known = 1 - self.end.variance / self.now.variance if self.now.variance > 0 else 0.0
-            return f"{flight}: the mean variance falls by {known:.0%}."
-        text = f"{flight}, for {self.end.forecast.db:.1f} dB instead of {self.now.forecast.db:.1f}"
+            return f": the mean variance falls by {known:.0%}."
+        text = f", for {self.end.forecast.db:.1f} dB instead of {self.now.forecast.db:.1f}"
         order = self._by_travel()
         last = min(_LAST_STOPS, len(order) - 1)
         if last < 1:
@@ -129,6 +133,14 @@ class Mission(Record):
         return f"{text}; " + (
             f"the last {last} gain {each:.2g} dB each." if last > 1 else f"the last gains {each:.2g} dB."
         )
+
+    def _without_stops(self) -> str:
+        """Which of several vehicles photograph nothing, a sentence."""
+        idle = [str(number) for number, tour in enumerate(self.tours, start=1) if not tour.stops]
+        if not idle or len(self.tours) == 1:
+            return ""
+        one = len(idle) == 1
+        return f" Vehicle{'' if one else 's'} {', '.join(idle)} photograph{'s' if one else ''} nothing."
 
     def _by_travel(self) -> list[Stop]:
         return sorted((stop for tour in self.tours for stop in tour.stops), key=lambda stop: stop.travel)

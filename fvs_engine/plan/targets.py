@@ -7,9 +7,9 @@ from numpy.typing import NDArray
 
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import spread, view_points
+from fvs_engine.plan.familiarity import Familiarity, Observations
 from fvs_engine.plan.kriging import TargetVariance, variances
 from fvs_engine.plan.planner import Mask
-from fvs_engine.plan.registration import Familiarity, Observations
 from fvs_engine.views import AnyView, PinholeView
 
 Array = NDArray[np.float64]

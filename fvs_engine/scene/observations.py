@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from fvs_engine.plan.registration import Observations
+from fvs_engine.plan.familiarity import Observations
 from fvs_engine.scene.sparse_points import points_from_pycolmap
 from fvs_engine.sfm.colmap.model import open_colmap
 

@@ -5,7 +5,7 @@ from collections.abc import Sequence
 import torch
 
 from fvs_engine.monitor import Monitor
-from fvs_engine.plan.plan_records import Mission, Term
+from fvs_engine.plan.plan_records import Plan, Term
 from fvs_engine.score.estimate.median_frequency_estimate import compile_kernels
 from fvs_engine.score.estimate.splat_table import SplatTable
 from fvs_engine.score.parallel import map_in_order
@@ -18,11 +18,11 @@ MOST_SHOWN = 100
 
 
 def with_appearance(
-    mission: Mission, candidates: Sequence[PinholeView], gaussians: Gaussians, monitor: Monitor | None = None
-) -> Mission:
-    """The mission, with ``coverage`` and ``median_frequency`` in its first ``MOST_SHOWN`` terms.
+    plan: Plan, candidates: Sequence[PinholeView], gaussians: Gaussians, monitor: Monitor | None = None
+) -> Plan:
+    """The plan, with ``coverage`` and ``median_frequency`` in its first ``MOST_SHOWN`` terms.
 
-    ``candidates`` are the views that the mission was planned with, in the frame of ``gaussians``. Both
+    ``candidates`` are the views that the plan was planned with, in the frame of ``gaussians``. Both
     numbers are estimates (``MedianFrequencyEstimate``). Raises ``Cancelled``.
     """
     monitor = monitor or Monitor()
@@ -35,5 +35,5 @@ def with_appearance(
         found = judged(term.name, value, coverage, 0.0, estimated=True)
         return term.model_copy(update={"coverage": found.coverage, "median_frequency": found.score})
 
-    first = map_in_order(completed, mission.terms[:MOST_SHOWN], torch.device("cpu"))
-    return mission.model_copy(update={"terms": (*first, *mission.terms[MOST_SHOWN:])})
+    first = map_in_order(completed, plan.terms[:MOST_SHOWN], torch.device("cpu"))
+    return plan.model_copy(update={"terms": (*first, *plan.terms[MOST_SHOWN:])})

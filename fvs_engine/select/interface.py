@@ -12,9 +12,9 @@ from fvs_engine.candidates import CandidateStatus, RankedCandidate
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import view_distances
+from fvs_engine.plan.familiarity import Observations
 from fvs_engine.plan.fleet import Fleet
 from fvs_engine.plan.reach import Reach
-from fvs_engine.plan.registration import Observations
 from fvs_engine.plan.targets import Targets
 from fvs_engine.score import CandidateScore, rank
 from fvs_engine.splat.gaussians import Gaussians

@@ -7,11 +7,11 @@ from numpy.typing import NDArray
 
 from fvs_engine.candidates import CandidateStatus
 from fvs_engine.monitor import Monitor
+from fvs_engine.plan.beam_search import plan_way
 from fvs_engine.plan.fleet import FleetPlan
 from fvs_engine.plan.planner import plan_views
 from fvs_engine.plan.route import StraightLegs, shortest_route
 from fvs_engine.plan.targets import Targets
-from fvs_engine.plan.way import plan_way
 from fvs_engine.score import CandidateScore
 from fvs_engine.select.interface import SelectionContext
 

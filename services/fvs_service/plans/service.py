@@ -7,7 +7,7 @@ from typing import TypeAlias
 from anyio.to_thread import run_sync
 
 from fvs_engine.geometry import RigidTransform
-from fvs_engine.plan.plan_records import Mission
+from fvs_engine.plan import plan_records as engine_records
 from fvs_service.concurrency import ConcurrencyLimit
 from fvs_service.errors import InvalidRequestError
 from fvs_service.plans.in_world import via
@@ -154,11 +154,11 @@ class Plans:
 
 
 def _answer(prepared: _Prepared, flight: PlannedFlight) -> Plan:
-    """The engine's mission, with poses and lengths of the world frame."""
-    request, frame, snapshot, mission = prepared.request, prepared.frame, prepared.snapshot, flight.mission
+    """The engine's plan, with poses and lengths of the world frame."""
+    request, frame, snapshot, plan = prepared.request, prepared.frame, prepared.snapshot, flight.plan
     scale = frame.world_from_model.scale
     poses = {**prepared.poses, **in_world(flight.generated, frame)}
-    names = [stop.name for tour in mission.tours for stop in tour.stops]
+    names = [stop.name for tour in plan.tours for stop in tour.stops]
     current = request.vehicles[0] if request.vehicles else None
     shown = poses_in(frame, names, poses, request.candidates or (), request.frame, current)
     pose_of = dict(zip(names, shown, strict=True))
@@ -181,16 +181,16 @@ def _answer(prepared: _Prepared, flight: PlannedFlight) -> Plan:
             if tour.stops and (last := tour.stops[-1].name)
             else (),
         )
-        for number, tour in enumerate(mission.tours)
+        for number, tour in enumerate(plan.tours)
     )
     return Plan(
         scene_id=prepared.scene.id,
         snapshot_id=snapshot.id,
-        summary=mission.sentence("m" if frame.aligned else "units", scale),
-        now=Expectation.of(mission.now),
-        end=Expectation.of(mission.end),
+        summary=plan.sentence("m" if frame.aligned else "units", scale),
+        now=Expectation.of(plan.now),
+        end=Expectation.of(plan.end),
         tours=tours,
-        candidates=_terms(mission, prepared.targets or (*prepared.images, *poses), scale),
+        candidates=_terms(plan, prepared.targets or (*prepared.images, *poses), scale),
         photographed=tuple(sorted(prepared.photographed)),
         alignment=snapshot.alignment,
         origin=prepared.scene.origin if frame.georeferenced else None,
@@ -198,12 +198,12 @@ def _answer(prepared: _Prepared, flight: PlannedFlight) -> Plan:
             snapshot.alignment,
             in_model=request.in_model,
             candidates=len(flight.generated or prepared.model_request.views),
-            registrable=mission.registrable,
+            registrable=plan.registrable,
         ),
     )
 
 
-def _terms(mission: Mission, targets: Sequence[str], scale: float) -> tuple[CandidateTerms, ...]:
+def _terms(plan: engine_records.Plan, targets: Sequence[str], scale: float) -> tuple[CandidateTerms, ...]:
     return tuple(
         CandidateTerms(
             id=term.name,
@@ -217,5 +217,5 @@ def _terms(mission: Mission, targets: Sequence[str], scale: float) -> tuple[Cand
             coverage=term.coverage,
             median_frequency=term.median_frequency,
         )
-        for term in mission.terms[:_MOST_TERMS]
+        for term in plan.terms[:_MOST_TERMS]
     )

@@ -12,7 +12,7 @@ from pydantic import Field
 
 from fvs_engine.candidates import CandidateScore, RankedCandidate
 from fvs_engine.geometry import PinholeCamera
-from fvs_engine.plan.plan_records import Mission
+from fvs_engine.plan.plan_records import Plan
 from fvs_engine.plan.volumes import Volume
 from fvs_engine.records import Record
 from fvs_engine.views import PinholeView
@@ -169,9 +169,9 @@ class PlanViews(ModelRequest):
 
 
 class PlannedFlight(Record):
-    """A mission through the views of a request, or those ``generated`` for it, in the model frame."""
+    """A plan through the views of a request, or those ``generated`` for it, in the model frame."""
 
-    mission: Mission
+    plan: Plan
     generated: PackedViews = ()
 
 

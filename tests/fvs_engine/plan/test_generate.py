@@ -77,6 +77,21 @@ def test_level_views_over_the_model_are_left_out():
     assert caught.value.hint
 
 
+@pytest.mark.parametrize("size", [400.0, 1e9])
+def test_from_so_far_that_the_model_is_a_dot_nothing_is_photographed(size):
+    """A volume in millimetres, for a model in metres."""
+    box = Box(centre=(0.0, 0.0, 0.0), size=(size, size, size))
+    near = Box(centre=(0.0, 0.0, 0.0), size=(20.0, 20.0, 20.0))
+    assert len(candidates_in(near, 50, CAMERA, up=UP, space=FreeSpace(HOUSE))) == 50
+    if size < 1e3:
+        some = candidates_in(box, 50, CAMERA, up=UP, space=FreeSpace(HOUSE))
+        assert np.linalg.norm(centres(some), axis=1).max() < 40.0
+    else:
+        with pytest.raises(InvalidInputError, match="large enough") as caught:
+            candidates_in(box, 50, CAMERA, up=UP, space=FreeSpace(HOUSE))
+        assert "nearer" in caught.value.hint
+
+
 def test_names_stay_when_more_are_asked_for_or_the_model_changes():
     few = candidates_in(VOLUMES[0], 20, CAMERA, up=UP, space=FreeSpace(HOUSE, 0.2))
     many = candidates_in(VOLUMES[0], 50, CAMERA, up=UP, space=FreeSpace(HOUSE, 0.2))

@@ -5,10 +5,10 @@ import itertools
 import numpy as np
 import pytest
 
+from fvs_engine.plan.beam_search import plan_way
 from fvs_engine.plan.kriging import TargetVariance
 from fvs_engine.plan.planner import plan_views
 from fvs_engine.plan.reach import Reach
-from fvs_engine.plan.way import plan_way
 
 
 def a_variance(seed: int, candidates: int = 9) -> tuple[TargetVariance, np.ndarray]:

@@ -4,7 +4,7 @@ import pytest
 
 from fvs_engine.errors import Cancelled
 from fvs_engine.monitor import Monitor
-from fvs_engine.plan.mission import plan_mission
+from fvs_engine.plan.plan import make_plan
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
 from fvs_engine.score import MedianFrequencyEstimate, appearance
@@ -22,31 +22,31 @@ def candidates(candidate_at):
 
 
 @pytest.fixture
-def mission(candidate_at, candidates):
+def plan(candidate_at, candidates):
     visited = [candidate_at("visited", (-3, 0, 0))]
-    return plan_mission(Targets(visited, candidates), Budget(2), [visited[0].centre])
+    return make_plan(Targets(visited, candidates), Budget(2), [visited[0].centre])
 
 
-def test_terms_say_what_the_model_shows(ball, candidates, mission):
+def test_terms_say_what_the_model_shows(ball, candidates, plan):
     estimates = MedianFrequencyEstimate(0.0).score(ball, candidates, create_rasterizer("reference"))
     expected = {score.name: (score.score, score.coverage) for score in estimates}
-    shown = with_appearance(mission, candidates, ball)
+    shown = with_appearance(plan, candidates, ball)
     assert {term.name: (term.median_frequency, term.coverage) for term in shown.terms} == expected
     assert expected["away"] == (None, 0.0)
     plain = [term.model_copy(update={"median_frequency": None, "coverage": None}) for term in shown.terms]
-    assert plain == list(mission.terms)
-    assert shown.tours == mission.tours
+    assert plain == list(plan.terms)
+    assert shown.tours == plan.tours
 
 
-def test_only_the_first_terms_are_completed(ball, candidates, mission, monkeypatch):
+def test_only_the_first_terms_are_completed(ball, candidates, plan, monkeypatch):
     monkeypatch.setattr(appearance, "MOST_SHOWN", 1)
-    first, *rest = with_appearance(mission, candidates, ball).terms
+    first, *rest = with_appearance(plan, candidates, ball).terms
     assert first.coverage is not None
     assert [term.coverage for term in rest] == [None, None]
 
 
-def test_it_can_be_stopped(ball, candidates, mission):
+def test_it_can_be_stopped(ball, candidates, plan):
     monitor = Monitor()
     monitor.cancel()
     with pytest.raises(Cancelled):
-        with_appearance(mission, candidates, ball, monitor)
+        with_appearance(plan, candidates, ball, monitor)

@@ -13,7 +13,7 @@ from fvs_service.worker.runner.ranking import rank_views
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at, quaternion_from_matrix
 from fvs_engine.monitor import Monitor
-from fvs_engine.plan.registration import Observations
+from fvs_engine.plan.familiarity import Observations
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.views import PinholeView

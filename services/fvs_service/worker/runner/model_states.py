@@ -10,7 +10,7 @@ from functools import cached_property
 from pathlib import Path
 
 from fvs_engine.plan.clearance import Matter
-from fvs_engine.plan.registration import Observations
+from fvs_engine.plan.familiarity import Observations
 from fvs_engine.scene.matter import matter_of
 from fvs_engine.scene.observations import read_observations
 from fvs_engine.splat.gaussians import Gaussians

@@ -11,7 +11,7 @@ from fvs_engine.plan.flight import free_legs
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.generate import Aim, candidates_in
 from fvs_engine.plan.kriging import variances
-from fvs_engine.plan.mission import plan_mission
+from fvs_engine.plan.plan import make_plan
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
 from fvs_engine.score.appearance import with_appearance
@@ -57,9 +57,9 @@ def plan_views(request: PlanViews, state: ModelState, monitor: Monitor) -> Plann
     seen = _seen(request.updates, by_image, targets.spread)
     budget = Budget(request.budget, request.distance, request.home, scale=request.scale)
     legs = None if space is None else free_legs(targets.centres, np.stack(starts), space)
-    mission = plan_mission(targets, budget, starts, seen, legs, monitor)
-    shown = with_appearance(mission, targets.later, state.gaussians, monitor)
-    return PlannedFlight(mission=shown, generated=generated)
+    plan = make_plan(targets, budget, starts, seen, legs, monitor)
+    shown = with_appearance(plan, targets.later, state.gaussians, monitor)
+    return PlannedFlight(plan=shown, generated=generated)
 
 
 def _generated(wanted: ViewsInVolume, space: FreeSpace) -> tuple[PinholeView, ...]:

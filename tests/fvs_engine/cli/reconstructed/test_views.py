@@ -15,7 +15,7 @@ from fvs_engine.errors import Cancelled
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.model import open_model
 from fvs_engine.pipeline.plan import plan_next_views
-from fvs_engine.plan.mission import plan_mission
+from fvs_engine.plan.plan import make_plan
 from fvs_engine.plan.tours import Budget
 
 Fvs = Callable[..., Any]
@@ -87,16 +87,16 @@ def test_a_plan_of_the_next_views(fvs: Fvs, first_run: tuple[Path, Any], tmp_pat
     run = fvs("plan", first_run[0], "--views", 3, "--out", tmp_path / "plan", "--json")
     assert run.status == 0, run.stderr
     written = json.loads((tmp_path / "plan" / "plan.json").read_text())
-    mission = run.document["mission"]
-    assert mission == written["mission"]
-    (tour,) = mission["tours"]
+    plan = run.document["plan"]
+    assert plan == written["plan"]
+    (tour,) = plan["tours"]
     assert len(tour["stops"]) == 3
     assert {pose["name"] for pose in written["poses"]} == {stop["name"] for stop in tour["stops"]}
-    assert len(written["targets"]) == len(mission["target_variances"])
-    assert mission["end"]["variance"] < mission["now"]["variance"]
-    assert all(0 <= term["chance"] <= 1 for term in mission["terms"])  # poses are estimated
-    assert all(0 < term["coverage"] <= 1 for term in mission["terms"])
-    assert len({term["median_frequency"] for term in mission["terms"]}) > 1
+    assert len(written["targets"]) == len(plan["target_variances"])
+    assert plan["end"]["variance"] < plan["now"]["variance"]
+    assert all(0 <= term["chance"] <= 1 for term in plan["terms"])  # poses are estimated
+    assert all(0 < term["coverage"] <= 1 for term in plan["terms"])
+    assert len({term["median_frequency"] for term in plan["terms"]}) > 1
     with Image.open(tmp_path / "plan" / "plan.png") as picture:
         assert picture.width > 1_000
 
@@ -118,11 +118,11 @@ def test_a_plan_for_two_vehicles_within_a_distance(
     planned = fvs("plan", out, "--views", 4, *options, "--json")
     assert planned.status == 0, planned.stderr
     assert planned.document["targets"] == ["front"]
-    tours = planned.document["mission"]["tours"]
+    tours = planned.document["plan"]["tours"]
     assert [tour["start"] for tour in tours] == [pytest.approx(centres[0]), pytest.approx(centres[-1])]
     longest = max(tour["length"] for tour in tours)
     near = fvs("plan", out, "--views", 4, *options, "--home", "--distance", 1.5 * longest, "--json")
-    assert all(tour["length"] <= 1.5 * longest * 1.001 for tour in near.document["mission"]["tours"])
+    assert all(tour["length"] <= 1.5 * longest * 1.001 for tour in near.document["plan"]["tours"])
 
 
 def test_a_plan_in_a_volume_keeps_clear_of_matter_and_zones(
@@ -192,11 +192,11 @@ def test_a_forecast_measures_variances_as_its_plan_does(
 
     def spied(targets: Any, budget: Any, starts: Any, seen: Any, *rest: Any) -> Any:
         given.extend(seen)
-        return plan_mission(targets, budget, starts, seen, *rest)
+        return make_plan(targets, budget, starts, seen, *rest)
 
-    monkeypatch.setattr("fvs_engine.pipeline.plan.plan_mission", spied)
+    monkeypatch.setattr("fvs_engine.pipeline.plan.make_plan", spied)
     made, _ = plan_next_views(first_run[0], Budget(views=1), candidates_file=file, out=tmp_path / "plan")
-    expected = [term.variance for term in made.mission.terms if term.name != "far"]
+    expected = [term.variance for term in made.plan.terms if term.name != "far"]
     assert held_out
     assert sorted(view.variance for view in given) == pytest.approx(sorted(expected))
 

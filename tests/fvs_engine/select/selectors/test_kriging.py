@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from fvs_engine.plan.distances import path_length
+from fvs_engine.plan.familiarity import Observations
 from fvs_engine.plan.fleet import Fleet
 from fvs_engine.plan.reach import Reach
-from fvs_engine.plan.registration import Observations
 from fvs_engine.select.selectors import create_selector, kriging
 
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from fvs_engine.geometry import PinholeCamera, look_at
-from fvs_engine.plan.registration import ENOUGH, Familiarity, Observations
+from fvs_engine.plan.familiarity import ENOUGH, Familiarity, Observations
 from fvs_engine.views import PinholeView
 
 CAMERA = PinholeCamera(64, 48, 60.0, 60.0, 32.0, 24.0)
@@ -80,7 +80,7 @@ def test_without_candidates_or_points_nothing_is_familiar():
 def test_bridges_are_the_same_in_parts(monkeypatch):
     candidates = [at(float(angle)) for angle in range(12, 120, 4)]
     whole = Familiarity(seen_from(0.0, count=400), candidates).enough([0, 1, 2])
-    monkeypatch.setattr("fvs_engine.plan.registration._AT_ONCE", 500)
+    monkeypatch.setattr("fvs_engine.plan.familiarity._AT_ONCE", 500)
     parts = Familiarity(seen_from(0.0, count=400), candidates).enough([0, 1, 2])
     assert whole.sum() > 2
     assert parts.tolist() == whole.tolist()

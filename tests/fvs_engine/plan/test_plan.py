@@ -7,11 +7,11 @@ from fvs_engine.errors import Cancelled, InvalidInputError
 from fvs_engine.geometry import PinholeCamera, look_at
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.clearance import FreeSpace
+from fvs_engine.plan.familiarity import Observations
 from fvs_engine.plan.flight import FreeLegs
 from fvs_engine.plan.forecast import Seen
-from fvs_engine.plan.mission import plan_mission
-from fvs_engine.plan.plan_records import Mission
-from fvs_engine.plan.registration import Observations
+from fvs_engine.plan.plan import make_plan
+from fvs_engine.plan.plan_records import Plan
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
 from fvs_engine.plan.volumes import Box, Cylinder
@@ -39,13 +39,13 @@ def targets() -> Targets:
 SEEN = [Seen(0.8, 14.0), Seen(0.5, 21.0), Seen(0.3, 25.0), Seen(0.6, 18.5)]
 
 
-def mission(targets: Targets, **budget: object) -> Mission:
+def plan(targets: Targets, **budget: object) -> Plan:
     starts = [ring(0)[0].centre]
-    return plan_mission(targets, Budget(**{"views": 5, **budget}), starts, SEEN)  # type: ignore[arg-type]
+    return make_plan(targets, Budget(**{"views": 5, **budget}), starts, SEEN)  # type: ignore[arg-type]
 
 
 def test_stops_add_up_to_the_tour_and_lead_to_the_end(targets: Targets) -> None:
-    found = mission(targets)
+    found = plan(targets)
     (tour,) = found.tours
     assert len(tour.stops) == found.stops == 5
     assert tour.stops[-1].travel == pytest.approx(tour.length) == pytest.approx(found.length)
@@ -59,7 +59,7 @@ def test_stops_add_up_to_the_tour_and_lead_to_the_end(targets: Targets) -> None:
 
 
 def test_terms_say_why(targets: Targets) -> None:
-    found = mission(targets)
+    found = plan(targets)
     planned = {stop.name for stop in found.tours[0].stops}
     assert {term.name for term in found.terms if term.planned} == planned
     assert [term.planned for term in found.terms] == [True] * 5 + [False] * 30
@@ -73,19 +73,19 @@ def test_terms_say_why(targets: Targets) -> None:
 
 
 def test_the_sentence_is_for_a_pilot(targets: Targets) -> None:
-    text = mission(targets).sentence("m")
+    text = plan(targets).sentence("m")
     assert text.startswith("5 more photographs, ")
     assert " m of flight, for " in text
     assert text.endswith("dB each.")
-    assert mission(targets, views=1).sentence("units").startswith("1 more photograph, ")
-    blind = plan_mission(targets, Budget(views=3), [ring(0)[0].centre])
+    assert plan(targets, views=1).sentence("units").startswith("1 more photograph, ")
+    blind = make_plan(targets, Budget(views=3), [ring(0)[0].centre])
     assert blind.end.forecast is None
     assert "the mean variance falls by" in blind.sentence("units")
 
 
 def test_several_vehicles_have_their_own_tours(targets: Targets) -> None:
     starts = [ring(0)[0].centre, ring(180)[0].centre]
-    found = plan_mission(targets, Budget(views=6), starts, SEEN)
+    found = make_plan(targets, Budget(views=6), starts, SEEN)
     first, second = found.tours
     assert first.stops
     assert second.stops
@@ -93,16 +93,27 @@ def test_several_vehicles_have_their_own_tours(targets: Targets) -> None:
     assert found.end.variance == pytest.approx(min(s.after.variance for t in found.tours for s in t.stops))
 
 
+def test_the_sentence_names_vehicles_that_photograph_nothing(targets: Targets) -> None:
+    near, away = ring(0)[0].centre, np.full(3, 1e3)
+
+    def sentence(*starts: np.ndarray) -> str:
+        return make_plan(targets, Budget(views=4, distance=5.0), starts, SEEN).sentence("m")
+
+    assert sentence(near, near).endswith("dB each.")
+    assert sentence(near, away).endswith(" Vehicle 2 photographs nothing.")
+    assert sentence(away, near, away).endswith(" Vehicles 1, 3 photograph nothing.")
+
+
 def test_there_must_be_candidates() -> None:
     with pytest.raises(InvalidInputError, match="no candidate"):
-        plan_mission(Targets(ring(0), []), Budget(views=3), [np.zeros(3)])
+        make_plan(Targets(ring(0), []), Budget(views=3), [np.zeros(3)])
 
 
 def test_what_is_behind_a_fence_has_no_distance(targets: Targets) -> None:
     fence = Box(centre=(-2.0, 0.0, 0.0), size=(0.1, 100.0, 100.0))
     start = ring(0)[0].centre
     legs = FreeLegs(np.concatenate([targets.centres, [start]]), FreeSpace(no_fly=[fence]))
-    found = plan_mission(targets, Budget(views=5, home=True), [start], SEEN, legs)
+    found = make_plan(targets, Budget(views=5, home=True), [start], SEEN, legs)
     behind = {name for name, x in zip(targets.index, targets.centres[:, 0], strict=True) if x < -2.05}
     assert {term.name for term in found.terms if term.distance is None} == behind
     assert not {stop.name for stop in found.tours[0].stops} & behind
@@ -112,21 +123,21 @@ def test_the_way_home_goes_around_what_is_in_the_way() -> None:
     start, targets = np.array([-3.0, 0.0, 0.3]), Targets(ring(200), ring(0, 90), ring(2))
     tower = Cylinder(base=(0.0, 0.0, -9.0), radius=1.0, height=18.0)
     legs = FreeLegs(np.concatenate([targets.centres, [start]]), FreeSpace(no_fly=[tower]))
-    (tour,) = plan_mission(targets, Budget(views=1, home=True), [start], (), legs).tours
+    (tour,) = make_plan(targets, Budget(views=1, home=True), [start], (), legs).tours
     (stop,) = tour.stops
     assert stop.name == "000"
     assert stop.via == tour.via_home == (tuple(targets.centres[1].tolist()),)
     assert tour.length == pytest.approx(2 * stop.distance)
-    assert not plan_mission(targets, Budget(views=1), [start], (), legs).tours[0].via_home
+    assert not make_plan(targets, Budget(views=1), [start], (), legs).tours[0].via_home
 
 
 def test_it_says_how_many_candidates_can_be_registered() -> None:
-    assert mission(Targets(ring(0), ring(10, 20)), views=1).registrable is None  # poses are known
+    assert plan(Targets(ring(0), ring(10, 20)), views=1).registrable is None  # poses are known
     points = np.random.default_rng(0).normal(scale=0.2, size=(300, 3))
     eyes = np.stack([view.centre for view in ring(0, 10)])
     observations = Observations(points, np.repeat(np.arange(300), 2), np.tile(eyes, (300, 1)))
     targets = Targets(ring(0, 10), ring(15, 20, 90, 180), (), observations)
-    assert mission(targets, views=1).registrable == 2
+    assert plan(targets, views=1).registrable == 2
 
 
 @pytest.mark.parametrize("count", [1, 2])
@@ -134,7 +145,7 @@ def test_few_targets_are_served_from_near_them_and_not_from_afar(count: int) -> 
     """Targets at one position, or side by side, have no spread that distances could be measured by."""
     wanted = [view_at(np.radians(170 + 1e-3 * number), 3.0) for number in range(count)]
     far = [view_at(np.radians(170), 300.0)]  # in the same direction
-    found = plan_mission(
+    found = make_plan(
         Targets(ring(0, 10, 20), [*far, *ring(*range(30, 360, 10))], wanted),
         Budget(views=1),
         [ring(0)[0].centre],
@@ -146,10 +157,10 @@ def test_few_targets_are_served_from_near_them_and_not_from_afar(count: int) -> 
 def test_targets_that_no_candidate_is_near_are_refused() -> None:
     far = Targets(ring(0, 10, 20), ring(*range(30, 360, 10)), [view_at(0.0, 300.0)])
     with pytest.raises(InvalidInputError, match="No candidate helps the targets") as found:
-        plan_mission(far, Budget(views=3), [ring(0)[0].centre])
+        make_plan(far, Budget(views=3), [ring(0)[0].centre])
     assert "nearer to the targets" in (found.value.hint or "")
     beside = Targets(ring(0, 10, 20), ring(*range(30, 360, 10)), [view_at(0.0, 9.0)])
-    assert plan_mission(beside, Budget(views=3), [ring(0)[0].centre]).stops == 3
+    assert make_plan(beside, Budget(views=3), [ring(0)[0].centre]).stops == 3
 
 
 class Impatient(Monitor):
@@ -171,7 +182,7 @@ def test_a_plan_stops_between_its_steps_when_it_is_cancelled(targets: Targets, a
     start = [ring(0)[0].centre]
     for budget in (Budget(views=20), Budget(views=20, distance=5.0)):
         with pytest.raises(Cancelled):
-            plan_mission(targets, budget, start, SEEN, monitor=Impatient(at))
+            make_plan(targets, budget, start, SEEN, monitor=Impatient(at))
 
 
 def test_what_a_plan_needs_stops_when_it_is_cancelled() -> None:

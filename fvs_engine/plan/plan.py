@@ -1,4 +1,4 @@
-"""A mission: which views to visit, by which vehicle and in which order, and what that brings, explained."""
+"""A plan: which views to visit, by which vehicle and in which order, and what that brings, explained."""
 
 from collections.abc import Sequence
 from itertools import accumulate, pairwise
@@ -10,7 +10,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.outlook import Expectations
-from fvs_engine.plan.plan_records import Mission, Stop, Term, VehicleTour
+from fvs_engine.plan.plan_records import Plan, Stop, Term, VehicleTour
 from fvs_engine.plan.planner import Mask
 from fvs_engine.plan.route import Legs, StraightLegs
 from fvs_engine.plan.targets import Targets
@@ -24,17 +24,17 @@ with each other: some seven spreads of the scene lie between them."""
 _HELPED = 3
 """Number of targets named that a candidate helps most."""
 MOST_TERMS = 2_000
-"""Maximum number of candidates of a mission that are explained."""
+"""Maximum number of candidates of a plan that are explained."""
 
 
-def plan_mission(
+def make_plan(
     targets: Targets,
     budget: Budget,
     starts: Sequence[Array],
     seen: Sequence[Seen] = (),
     legs: Legs | None = None,
     monitor: Monitor | None = None,
-) -> Mission:
+) -> Plan:
     """Plan for vehicles at ``starts`` [3] each.
 
     Places in ``legs`` are the later views of ``targets``, then the starts; by default straight lines. Raises
@@ -80,7 +80,7 @@ def plan_mission(
         index: expectations.at(targets.variance.variance_after(flown[: place + 1]))
         for place, index in enumerate(flown)
     }
-    return Mission(
+    return Plan(
         now=expectations.at(targets.variance.variance),
         end=expectations.at(targets.variance.variance_after(chosen)),
         tours=tuple(
