@@ -194,6 +194,8 @@ _CONVERT_HINT = f"Convert it to JPEG or PNG, or remove it (formats that work: {'
 
 def _what_it_is_instead(content: bytes) -> str:
     head = content[:512]
+    if head.startswith((b"GIF87a", b"GIF89a")):
+        return "it is a GIF, which is not read here."
     if head[4:8] == b"ftyp":
         return "it is HEIC or AVIF, which is not read here."
     if b"\0" not in head:

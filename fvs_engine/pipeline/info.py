@@ -7,6 +7,7 @@ from fvs_engine.errors import StorageError
 from fvs_engine.pipeline.manifest import Manifest, Metrics
 from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.records import Record
+from fvs_engine.sfm.stages import SfmFolder
 
 
 class FolderInfo(Record):
@@ -26,7 +27,11 @@ def folder_info(root: Path) -> FolderInfo:
     if manifest is None:
         raise StorageError(f"{workspace.manifest_path} has just been deleted.")
     metrics = workspace.read_metrics()
-    if manifest.cameras is None:
+    if manifest.cameras is None and SfmFolder(workspace.sfm).rejected.is_file():
+        stage = (
+            "structure from motion has rejected every model: other settings or more photographs are needed"
+        )
+    elif manifest.cameras is None:
         stage = "structure from motion is not finished"
     elif manifest.training is None:
         stage = "training has not begun"

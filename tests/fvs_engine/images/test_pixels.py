@@ -108,6 +108,7 @@ def test_cmyk_jpeg_keeps_its_colours(corners: Image.Image) -> None:
         (b"Dear diary, today I took no photographs at all.\n" * 20, "text"),
         (bytes(range(256)) * 8, "not an image"),
         (b"\0\0\0\x18ftypheic" + bytes(500), "HEIC"),
+        (b"GIF89a" + bytes(500), "GIF"),
     ],
 )
 def test_what_is_no_image_is_refused_with_a_remedy(content: bytes, reason: str) -> None:

@@ -127,7 +127,7 @@ class SceneJobs:
         images = self._images(request, monitor, warn, quarantine)
         if len(images) < 2:
             raise ReconstructionError(
-                f"The scene has {len(images)} usable images, and a model needs two or more.",
+                f"A model needs two usable images or more, and the scene has {len(images) or 'none'}.",
                 hint="Send more images that overlap; start with eight or more.",
             )
         scene = self._open_scene(request, len(images), monitor, warn)

@@ -211,6 +211,8 @@ def test_overwrite_starts_again(
     assert not (out / "metrics.json").exists()
     run = fvs("info", out, "--json")
     assert run.document["stage"] == "structure from motion is not finished"
+    (out / "sfm" / "rejected.json").write_text("[]")
+    assert "rejected every model" in fvs("info", out, "--json").document["stage"]
 
 
 def test_info_for_people(fvs: Fvs, first_run: tuple[Path, Any]) -> None:
