@@ -1,17 +1,14 @@
 """A reconstruction that images are added to, one by one or many at once."""
 
 import contextlib
-import logging
 import shutil
-import tempfile
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image
 
-from fvs_engine.errors import DamagedOutputError, InvalidInputError, NativeJobError
+from fvs_engine.errors import DamagedOutputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import leave_out
 from fvs_engine.sfm.batch.reconstruct import reconstruct
@@ -22,11 +19,14 @@ from fvs_engine.sfm.colmap.database import (
     require_sound_database,
 )
 from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
+from fvs_engine.sfm.growing.contradicted_poses import doubts_by_priors
+from fvs_engine.sfm.growing.image_files import require_readable, require_unchanged
 from fvs_engine.sfm.growing.localise import localise
 from fvs_engine.sfm.growing.neighbours import ImageRetrieval
 from fvs_engine.sfm.growing.reasons import why_unregistered
-from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, require_unchanged
+from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
 from fvs_engine.sfm.growing.step import step
+from fvs_engine.sfm.growing.two_view_points import find_two_view_points
 from fvs_engine.sfm.growing.update import PoseUpdate, TwoViewPoints
 from fvs_engine.sfm.matching.features import add_features
 from fvs_engine.sfm.pose_priors import PosePriors
@@ -39,7 +39,6 @@ from fvs_engine.sfm.warnings import without_doubts, without_registered
 from fvs_engine.views import AnyView
 
 _MIN_BOOTSTRAP = 2
-_log = logging.getLogger(__name__)
 
 
 class GrowingReconstruction:
@@ -175,7 +174,7 @@ class GrowingReconstruction:
         names = [name for name in dict.fromkeys(names) if name not in quarantined]
         sizes = require_unchanged(self._state, self._image_dir, names)
         new = {name: size for name, size in sizes.items() if name not in self._state.images}
-        _require_readable(self._image_dir, tuple(new))
+        require_readable(self._image_dir, tuple(new))
         with self._damage_named():
             if new:
                 self._remove_left_over()
@@ -197,6 +196,8 @@ class GrowingReconstruction:
         crashed = (warning(*each) for each in self.quarantined.items() if each[0] not in quarantined)
         warnings = without_registered(dict.fromkeys((*self._state.unreported, *crashed)), self.registered)
         current = self.reconstruction
+        if PRIORS_IGNORED not in self._state.priors_ignored:
+            warnings += doubts_by_priors(priors, self._folder.sfm.database, current.centres())
         return PoseUpdate.between(
             before,
             current.views,
@@ -210,27 +211,11 @@ class GrowingReconstruction:
     def two_view_points(self, monitor: Monitor) -> TwoViewPoints | None:
         """The points that only two registered images show; None where they cannot be computed.
 
-        Models do without them, so a crash is no reason to fail. Raises ``Cancelled``.
+        Raises ``Cancelled``.
         """
-        database = self._folder.sfm.database
-        if self.model_dir is None or not database.exists():
+        if self.model_dir is None:
             return None
-        with tempfile.TemporaryDirectory() as scratch:
-            target = Path(scratch) / "points.npz"
-            arguments = {
-                "database": str(database),
-                "model_dir": str(self.model_dir),
-                "target": str(target),
-            }
-            try:
-                Stages(self._folder.sfm, self._settings, monitor).native("two_view_points", arguments)
-            except NativeJobError as error:
-                if not error.crashed:
-                    raise
-                _log.info("No points of two views: %s", error)
-                return None
-            with np.load(target) as found:
-                return TwoViewPoints(found["xyz"], found["seen_in"])
+        return find_two_view_points(Stages(self._folder.sfm, self._settings, monitor), self.model_dir)
 
     def acknowledge(self) -> None:
         """Forget the warnings so far: the caller has what ``add`` returned on disk."""
@@ -302,9 +287,7 @@ class GrowingReconstruction:
                 "mapped_images": len(names),
                 "mapped_support": chosen.evidence.match_support if chosen.evidence is not None else 0.0,
                 "unreported": (*self._state.unreported, *result.report.warnings),
-                "priors_ignored": tuple(
-                    sentence for sentence in result.report.warnings if sentence == PRIORS_IGNORED
-                ),
+                "priors_ignored": tuple({PRIORS_IGNORED}.intersection(result.report.warnings)),
             }
         )
         registered = [name for name in names if name in posed]
@@ -415,15 +398,3 @@ class GrowingReconstruction:
         state = state.model_copy(update={"generation": state.generation + 1})
         self._folder.commit(state)
         self._state = state
-
-
-def _require_readable(image_dir: Path, names: Sequence[str]) -> None:
-    """Raise ``InvalidInputError`` for what is no image, before it becomes part of the state."""
-    for name in names:
-        try:
-            with Image.open(image_dir / name):
-                pass
-        except (OSError, Image.DecompressionBombError) as error:
-            raise InvalidInputError(
-                f"{image_dir / name} cannot be read as an image.", hint="Leave it out, or export it again."
-            ) from error

@@ -9,7 +9,7 @@ commit: after a kill before it the former model is the current one, whatever els
 import hashlib
 import json
 import shutil
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable
 from pathlib import Path
 from typing import Literal
 
@@ -213,19 +213,3 @@ def settings_digest(settings: SfmSettings) -> str:
     """Digest of the settings that change the reconstruction."""
     plain = settings.model_dump(mode="json", exclude={"threads"})
     return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
-
-
-def require_unchanged(state: GrowthState, image_dir: Path, names: Sequence[str]) -> dict[str, int]:
-    """Sizes in bytes of ``names``; raises ``InvalidInputError`` when a file is missing or has changed."""
-    sizes = {}
-    for name in names:
-        file = image_dir / name
-        if not file.is_file():
-            raise InvalidInputError(f"{file} does not exist.", hint="Check the image names.")
-        sizes[name] = file.stat().st_size
-        if state.images.get(name, sizes[name]) != sizes[name]:
-            raise InvalidInputError(
-                f"{file} is not the photograph that was added before.",
-                hint="Give the new photograph a name of its own, or start in another folder.",
-            )
-    return sizes

@@ -14,7 +14,6 @@ import numpy as np
 
 from fvs_engine.errors import (
     DamagedOutputError,
-    InvalidInputError,
     OtherSettingsError,
     ReconstructionError,
     TrainingError,
@@ -27,12 +26,9 @@ from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.scene_files import SceneFiles
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings
-from fvs_engine.sfm.batch.mapping import leave_out, registered_names
-from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
 from fvs_engine.sfm.growing.state import GrowthFolder
 from fvs_engine.sfm.quarantine import warning
-from fvs_engine.sfm.reconstruction import PointCloud, Reconstruction
-from fvs_engine.sfm.stages import fresh_folder
+from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.session import open_trainer, train_saving
@@ -47,6 +43,7 @@ from fvs_service.snapshots.model import SnapshotMetrics
 from fvs_service.storage.blobs import Blobs
 from fvs_service.worker.protocol.messages import JobOutcome, RunJob
 from fvs_service.worker.runner.artifacts import write_artifacts
+from fvs_service.worker.runner.fine_cameras import fine_cameras
 from fvs_service.worker.runner.first_model_monitor import FirstModelMonitor
 from fvs_service.worker.runner.gpu_slots import gpu_slot
 from fvs_service.worker.runner.image_files import discard_images, prepare_images
@@ -269,7 +266,7 @@ class SceneJobs:
     def _fine(self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine) -> JobOutcome:
         placed = self._images(request, monitor, warn, quarantine)
         fine = self._fine_folder(request.job_id)
-        cameras = self._cameras_of(fine, placed)
+        cameras = fine_cameras(self._growth, fine, placed)
         wanted, settings = request.request, self._settings
         photographs = Photographs(self._folder.images, wanted.long_side_px or self._usual_side())
         views = []
@@ -318,25 +315,6 @@ class SceneJobs:
             if other != folder:
                 shutil.rmtree(other)
         return folder
-
-    def _cameras_of(self, fine: Path, images: Mapping[str, Image]) -> Reconstruction:
-        """The cameras that the fine model is trained with; later updates do not change them.
-
-        When an image has been left out since, the training starts again without it.
-        """
-        kept = fine / "sparse"
-        if kept.exists() and any(view.name not in images for view in read_colmap(kept).views):
-            fresh_folder(fine)
-        if not kept.exists():
-            model_dir = self._growth.current_model
-            if model_dir is None:
-                raise InvalidInputError("The scene has no cameras yet.", hint="Run an update first.")
-            partial = fresh_folder(fine / "sparse.partial")
-            model = open_colmap(model_dir)
-            leave_out(model, [name for name in registered_names(model) if name not in images])
-            model.write_binary(partial)
-            partial.rename(kept)
-        return read_colmap(kept)
 
     @property
     def _growth(self) -> GrowthFolder:

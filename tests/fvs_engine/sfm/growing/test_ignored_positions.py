@@ -1,4 +1,4 @@
-"""Positions that the first images contradict are remembered: nothing else aligns a model with them."""
+"""Positions that contradict the images: as a whole they are ignored; single ones are named."""
 
 import shutil
 from pathlib import Path
@@ -29,3 +29,25 @@ def test_positions_that_the_images_contradict_are_ignored_by_the_first_model(
     assert len(update.registered) == len(kermit_names)
     assert (PRIORS_IGNORED in update.warnings) == mirrored
     assert GrowthFolder(tmp_path).ignores_positions == mirrored
+
+
+def test_an_image_that_its_position_contradicts_is_doubtful_once_priors_can_judge_it(
+    kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+) -> None:
+    """As one that was registered while the track was too short for the accuracy of its positions."""
+    shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
+    (tmp_path / "sfm" / "report.json").unlink()
+    growing = GrowingReconstruction.open(tmp_path, kermit_dir, SfmSettings(), Monitor())
+    assert not growing.add(kermit_names, Monitor(), PosePriors()).warnings
+    centres = dict(growing.reconstruction.centres())
+    centres[kermit_names[3]] = centres[kermit_names[3]] + 5.0
+
+    def warnings(sigma: float) -> tuple[str, ...]:
+        given = {name: PosePrior.at(centre, sigma) for name, centre in centres.items()}
+        return growing.add(kermit_names, Monitor(), PosePriors(by_name=given)).warnings
+
+    assert warnings(10.0) == ()
+    (doubt,) = warnings(0.01)
+    assert doubt.startswith("DOUBTFUL CAMERAS: ")
+    assert kermit_names[3] in doubt
+    assert not any(name in doubt for name in kermit_names if name != kermit_names[3])
