@@ -126,6 +126,8 @@ def plan_next_views(
     few = few_registrable(plan.registrable, len(later))
     if few is not None:
         _log.warning("%s %s", few, NEARER)
+    for warning in plan.warnings:
+        _log.warning("%s %s", warning.message, warning.hint)
     poses = {view.name: view for view in later}
     planned = [stop.name for tour in plan.tours for stop in tour.stops]
     result = PlanResult(

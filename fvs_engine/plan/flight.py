@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.plan.clearance import FreeSpace
+from fvs_engine.plan.route import Blocked
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -72,6 +73,10 @@ class FreeLegs:
         if apart:
             self._join(np.unique(np.sort(np.array(apart, dtype=np.int64), axis=1), axis=0))
 
+    def blocked(self, place: int) -> Blocked | None:
+        """See ``Legs``."""
+        return _blocked(self._points[place], self._space)
+
     def _join(self, pairs: Indices) -> None:
         """Add those of ``pairs`` [N, 2], the lower index first, between which a straight leg can be flown."""
         from scipy.sparse import csr_array  # slow to import
@@ -101,7 +106,7 @@ class FreeLegs:
 def free_legs(candidates: Array, starts: Array, space: FreeSpace) -> FreeLegs:
     """The legs over ``candidates`` [n, 3] and then ``starts`` [V, 3].
 
-    Raises ``InvalidInputError`` where all candidates, or any start, are in a zone or too near to matter: no
+    Raises ``InvalidInputError`` where all candidates, or all starts, are in a zone or too near to matter: no
     way leads to or from them.
     """
     allowed = space.allowed(candidates)
@@ -117,21 +122,26 @@ def free_legs(candidates: Array, starts: Array, space: FreeSpace) -> FreeLegs:
             "safety distance of one.",
             hint="Give a shorter safety distance, or candidates farther from the model.",
         )
-    for kept, where, remedy in (
-        (space.allowed(starts), "in a no-fly zone", "smaller zones"),
-        (
-            space.clear(starts),
+    obstacles = [_blocked(start, space) for start in starts]
+    if (first := obstacles[0]) is not None and None not in obstacles:
+        number = f"vehicle 1 of {len(starts)}" if len(starts) > 1 else "the vehicle"
+        raise InvalidInputError(
+            f"The start of {number} is {first.where}: no way leads out.",
+            hint=f"Give another start, or {first.remedy}.",
+        )
+    return FreeLegs(np.concatenate([candidates, starts]), space)
+
+
+def _blocked(point: Array, space: FreeSpace) -> Blocked | None:
+    """What keeps all ways from leading from a ``point`` [3]."""
+    if not space.allowed(point[None])[0]:
+        return Blocked("in a no-fly zone", "smaller zones")
+    if not space.clear(point[None])[0]:
+        return Blocked(
             "inside a solid part of the model, or within the safety distance of one",
             "a shorter safety distance",
-        ),
-    ):
-        if not kept.all():
-            number = f"vehicle {np.argmin(kept) + 1} of {len(starts)}" if len(starts) > 1 else "the vehicle"
-            raise InvalidInputError(
-                f"The start of {number} is {where}: no way leads out.",
-                hint=f"Give another start, or {remedy}.",
-            )
-    return FreeLegs(np.concatenate([candidates, starts]), space)
+        )
+    return None
 
 
 def _all(count: int, which: str = "") -> str:

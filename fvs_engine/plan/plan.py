@@ -11,7 +11,9 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.outlook import Expectations
 from fvs_engine.plan.plan_records import Plan, Stop, Term, VehicleTour
+from fvs_engine.plan.plan_warnings import copied_candidates, grounded_vehicles, unreachable_candidates
 from fvs_engine.plan.planner import Mask
+from fvs_engine.plan.registrable import NEARER
 from fvs_engine.plan.route import Legs, StraightLegs
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget, plan_tours
@@ -38,8 +40,8 @@ def make_plan(
     """Plan for vehicles at ``starts`` [3] each.
 
     Places in ``legs`` are the later views of ``targets``, then the starts; by default straight lines. Raises
-    what ``plan_tours`` raises, and ``InvalidInputError`` without candidates and where none helps the targets;
-    ``Cancelled``.
+    what ``plan_tours`` raises, and ``InvalidInputError`` without candidates, where none helps the targets and
+    where none can be registered; ``Cancelled``.
     """
     monitor = monitor or Monitor()
     if not targets.later:
@@ -52,14 +54,19 @@ def make_plan(
             hint="Give candidates nearer to the targets that look the same way; check that both are in the "
             "frame of the scene.",
         )
-    count = len(targets.later)
+    if targets.familiarity is not None and not targets.familiarity.counts.any():
+        raise InvalidInputError(
+            "No candidate can be registered: none sees a point of the model from where images saw it.",
+            hint=NEARER,
+        )
+    count, one_of_pose = len(targets.later), targets.one_of_pose
     places = np.concatenate([targets.centres, np.reshape(starts, (-1, 3))])
     legs = legs or StraightLegs(places)
     vehicles = range(count, len(places))
 
     def admissible(plan: Sequence[int]) -> Mask:
         monitor.check()  # asked for before every step of a plan
-        return targets.admissible(plan)
+        return np.asarray(targets.admissible(plan) & one_of_pose)
 
     tours = plan_tours(targets.variance, budget, admissible, legs, vehicles)
     ways = [
@@ -108,6 +115,11 @@ def make_plan(
             zip(targets.variances_after([]).tolist(), targets.variances_after(chosen).tolist(), strict=True)
         ),
         registrable=None if targets.likely is None else int(targets.likely.sum()),
+        warnings=(
+            *grounded_vehicles(tours, budget, targets.admissible(chosen), legs, vehicles),
+            *unreachable_candidates(count, legs, vehicles),
+            *copied_candidates(one_of_pose),
+        ),
     )
 
 

@@ -1,5 +1,7 @@
 """Records of plans: what is planned, and what to expect. Imports nothing heavy."""
 
+from typing import Literal
+
 from fvs_engine.records import Record
 
 COVERAGE = 0.8
@@ -85,12 +87,21 @@ class VehicleTour(Record):
     via_home: tuple[tuple[float, float, float], ...] = ()
 
 
+class PlanWarning(Record):
+    """What limits a plan, and the remedy."""
+
+    code: Literal["vehicle-grounded", "unreachable", "same-pose", "nothing-in-view"]
+    message: str
+    hint: str
+
+
 class Plan(Record):
     """Tours, what to expect ``now`` and at the ``end``, and the terms of candidates, planned ones first.
 
     What a stop brings assumes that all tours are flown at the same speed. ``target_variances`` are those of
     the targets, in their order, before and after. ``registrable``: how many candidates are likely to be
-    registered now (None: poses are known).
+    registered now (None: poses are known). ``warnings``: which vehicles have no tour because they cannot
+    fly, which candidates could not be planned, and whether the planned ones show nothing.
     """
 
     now: Expectation
@@ -99,6 +110,7 @@ class Plan(Record):
     terms: tuple[Term, ...]
     target_variances: tuple[tuple[float, float], ...]
     registrable: int | None = None
+    warnings: tuple[PlanWarning, ...] = ()
 
     @property
     def stops(self) -> int:
@@ -114,14 +126,10 @@ class Plan(Record):
         """The plan in a sentence for a pilot; ``scale``: units per unit of the model frame."""
         count = _plural(self.stops, "more photograph")
         flight = f"{count}, {self.length * scale:.3g} {unit} of flight"
-        return f"{flight}{self._outcome()}{self._without_stops()}"
-
-    def _outcome(self) -> str:
-        """What the plan brings, in words."""
         if self.end.forecast is None or self.now.forecast is None:
             known = 1 - self.end.variance / self.now.variance if self.now.variance > 0 else 0.0
-            return f": the mean variance falls by {known:.0%}."
-        text = f", for {self.end.forecast.db:.1f} dB instead of {self.now.forecast.db:.1f}"
+            return f"{flight}: the mean variance falls by {known:.0%}."
+        text = f"{flight}, for {self.end.forecast.db:.1f} dB instead of {self.now.forecast.db:.1f}"
         order = self._by_travel()
         last = min(_LAST_STOPS, len(order) - 1)
         if last < 1:
@@ -133,14 +141,6 @@ class Plan(Record):
         return f"{text}; " + (
             f"the last {last} gain {each:.2g} dB each." if last > 1 else f"the last gains {each:.2g} dB."
         )
-
-    def _without_stops(self) -> str:
-        """Which of several vehicles photograph nothing, a sentence."""
-        idle = [str(number) for number, tour in enumerate(self.tours, start=1) if not tour.stops]
-        if not idle or len(self.tours) == 1:
-            return ""
-        one = len(idle) == 1
-        return f" Vehicle{'' if one else 's'} {', '.join(idle)} photograph{'s' if one else ''} nothing."
 
     def _by_travel(self) -> list[Stop]:
         return sorted((stop for tour in self.tours for stop in tour.stops), key=lambda stop: stop.travel)

@@ -7,7 +7,7 @@ a plan (docs/adr/0031), without a dependency of 30 MB.
 import itertools
 import math
 from collections.abc import Sequence
-from typing import Protocol
+from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,6 +19,13 @@ _LONGEST_SEGMENT = 3
 """Maximum number of stops that Or-opt moves together."""
 _LEAST = 1e-12
 _BLOCKED = 1e3
+
+
+class Blocked(NamedTuple):
+    """Why no way leads from a place: ``where`` it is, and the ``remedy`` beside another place."""
+
+    where: str
+    remedy: str
 
 
 class Legs(Protocol):
@@ -34,6 +41,10 @@ class Legs(Protocol):
 
     def straighten(self, flown: Sequence[tuple[int, int]]) -> None:
         """Search shorter ways between pairs of places that will be flown."""
+        ...
+
+    def blocked(self, place: int) -> Blocked | None:
+        """What keeps all ways from leading from a place; None where it is free."""
         ...
 
 
@@ -54,6 +65,9 @@ class StraightLegs:
 
     def straighten(self, flown: Sequence[tuple[int, int]]) -> None:
         """Do nothing: straight ways are the shortest."""
+
+    def blocked(self, place: int) -> None:
+        """See ``Legs``: nothing is in the way."""
 
 
 def shortest_route(

@@ -14,6 +14,10 @@ from fvs_engine.views import AnyView, PinholeView
 
 Array = NDArray[np.float64]
 
+_POSE_DIGITS = 3
+"""Views have one pose where their points (``view_points``, by the spread of the visited ones) are the same,
+rounded to so many digits: within 0.1 % of the spread and 0.06°."""
+
 
 class Targets:
     """Targets and the views that may be visited ``later``, given the ``visited`` ones.
@@ -39,6 +43,8 @@ class Targets:
         self.later = tuple(later)
         self.index = {view.name: index for index, view in enumerate(later)}
         self.spread = spread((*visited, *later)) or spread(served)
+        # Of later ones a single one far away would make all others appear the same.
+        self._spread_visited = spread(visited) or self.spread
         self._visited = view_points((*visited, *taken), self.spread)
         self._later = view_points(later, self.spread)
         self.points = view_points(served, self.spread)
@@ -54,6 +60,15 @@ class Targets:
     def centres(self) -> Array:
         """Camera centres of the later views, [n, 3]."""
         return np.array([view.centre for view in self.later]).reshape(-1, 3)
+
+    @property
+    def one_of_pose(self) -> Mask:
+        """One of the later views [n] for each pose, whatever its roll: the likeliest registered, or first."""
+        mask = np.zeros(len(self.later), dtype=bool)
+        rounded = np.round(view_points(self.later, self._spread_visited), _POSE_DIGITS) + 0.0  # not -0.0
+        order = np.argsort(-self.chances, kind="stable")
+        mask[order[np.unique(rounded[order], axis=0, return_index=True)[1]]] = True
+        return mask
 
     def admissible(self, plan: Sequence[int]) -> Mask:
         """Which later views [n] can be registered beside planned ones: all of them where poses are known."""

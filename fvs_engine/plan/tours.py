@@ -66,6 +66,10 @@ class Budget:
             return np.inf
         return max(0.0, self.distance * (1 + _TOLERANCE) - self.before(vehicle))
 
+    def there(self, length: float) -> float:
+        """The length of a tour to one view at the end of a way of this ``length``."""
+        return 2.0 * length if self.home else length
+
 
 def plan_tours(
     variance: TargetVariance,
@@ -268,15 +272,18 @@ def _reachable(budget: Budget, admissible: Admissible, legs: Legs, starts: Seque
             hint="Something is in the way: give another start, or candidates on this side.",
         )
     nearest = lengths[:, possible & reachable].min(axis=1)
-    ways = nearest * (2.0 if budget.home else 1.0)
     distance = np.inf if budget.distance is None else budget.distance
-    if not any(way <= budget.left(vehicle) for vehicle, way in enumerate(ways)):
-        back = " and back" if budget.home else ""
-        given, away, least = (
-            budget.scale * float(length) for length in (distance, nearest.min(), ways.min())
-        )
+    if not any(budget.there(length) <= budget.left(vehicle) for vehicle, length in enumerate(nearest)):
+        given, away = (budget.scale * float(length) for length in (distance, nearest.min()))
         raise InvalidInputError(
             f"A distance of {given:.4g} does not reach any candidate: the nearest is {away:.4g} away.",
-            hint=f"Give at least {rounded_up(least):.4g} for the way there{back}, or nearer candidates.",
+            hint=least_distance(budget, float(nearest.min())),
         )
     return np.asarray(reachable)
+
+
+def least_distance(budget: Budget, nearest: float) -> str:
+    """The hint where a distance is too short for the way to the ``nearest`` candidate."""
+    back = " and back" if budget.home else ""
+    least = rounded_up(budget.scale * budget.there(nearest))
+    return f"Give at least {least:.4g} for the way there{back}, or nearer candidates."

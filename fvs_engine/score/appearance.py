@@ -6,6 +6,7 @@ import torch
 
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.plan_records import Plan, Term
+from fvs_engine.plan.plan_warnings import nothing_in_view
 from fvs_engine.score.estimate.median_frequency_estimate import compile_kernels
 from fvs_engine.score.estimate.splat_table import SplatTable
 from fvs_engine.score.parallel import map_in_order
@@ -22,6 +23,8 @@ def with_appearance(
 ) -> Plan:
     """The plan, with ``coverage`` and ``median_frequency`` in its first ``MOST_SHOWN`` terms.
 
+    It has a warning where none of the planned ones shows anything.
+
     ``candidates`` are the views that the plan was planned with, in the frame of ``gaussians``. Both
     numbers are estimates (``MedianFrequencyEstimate``). Raises ``Cancelled``.
     """
@@ -36,4 +39,6 @@ def with_appearance(
         return term.model_copy(update={"coverage": found.coverage, "median_frequency": found.score})
 
     first = map_in_order(completed, plan.terms[:MOST_SHOWN], torch.device("cpu"))
-    return plan.model_copy(update={"terms": (*first, *plan.terms[MOST_SHOWN:])})
+    terms = (*first, *plan.terms[MOST_SHOWN:])
+    warnings = (*plan.warnings, *nothing_in_view(terms))
+    return plan.model_copy(update={"terms": terms, "warnings": warnings})

@@ -183,6 +183,32 @@ def test_what_is_behind_a_fence_is_not_planned(gateway: Any, scene: str) -> None
     behind = [term for term in plan["candidates"] if term["id"].startswith("e")]
     assert len(behind) == 3
     assert all(term["distance_m"] is None for term in behind)
+    warnings = {warning["code"]: warning["message"] for warning in plan["warnings"]}
+    assert warnings["unreachable"].startswith("3 of the 6 candidates cannot be reached")
+    assert warnings["nothing-in-view"] == "None of the planned views shows anything of the model."
+
+
+def test_a_vehicle_that_cannot_fly_is_named_and_the_others_fly(gateway: Any, scene: str) -> None:
+    zone = {"kind": "box", "centre": [0.0, 0.0, -6.0], "size": [0.2, 0.2, 0.2]}
+    vehicles = [_at(0.0, 0.0, -6.0), _at(4.0, 0.0, -6.0)]
+    rows = [{"id": f"c{y}", "pose": _at(3.0, y, -6.0)} for y in range(3)]
+    asked = {"candidates": rows, "views": 3, "no_fly": [zone]}
+    plan = _plan(gateway, scene, **asked, vehicles=vehicles).json()
+    assert [len(tour["stops"]) for tour in plan["tours"]] == [0, 3]
+    (warning,) = plan["warnings"]
+    assert warning["code"] == "vehicle-grounded"
+    assert warning["message"] == "The 1st of 2 vehicles gets no tour: its start is in a no-fly zone."
+    assert warning["hint"] == "Give it another start, or smaller zones."
+    none = _plan(gateway, scene, **asked, vehicles=vehicles[:1])
+    assert none.status_code == 422
+    assert "The start of the vehicle is in a no-fly zone" in none.text
+
+
+def test_one_photograph_is_planned_of_each_pose(gateway: Any, scene: str) -> None:
+    copies = [{"id": f"c{number}", "pose": _at(0.5)} for number in range(3)]
+    plan = _plan(gateway, scene, candidates=copies, views=3).json()
+    assert len(plan["tours"][0]["stops"]) == 1
+    assert [warning["code"] for warning in plan["warnings"]] == ["same-pose"]
 
 
 def test_volumes_are_of_the_world(gateway: Any) -> None:

@@ -53,6 +53,10 @@ class RankingWarningCode(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     RANKING_WARNING_CODE_ILL_CONDITIONED: _ClassVar[RankingWarningCode]
     RANKING_WARNING_CODE_FEW_REGISTRABLE: _ClassVar[RankingWarningCode]
     RANKING_WARNING_CODE_POSITIONS_UNUSED: _ClassVar[RankingWarningCode]
+    RANKING_WARNING_CODE_VEHICLE_GROUNDED: _ClassVar[RankingWarningCode]
+    RANKING_WARNING_CODE_UNREACHABLE: _ClassVar[RankingWarningCode]
+    RANKING_WARNING_CODE_SAME_POSE: _ClassVar[RankingWarningCode]
+    RANKING_WARNING_CODE_NOTHING_IN_VIEW: _ClassVar[RankingWarningCode]
 
 class MissionFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -113,6 +117,10 @@ RANKING_WARNING_CODE_UNSPECIFIED: RankingWarningCode
 RANKING_WARNING_CODE_ILL_CONDITIONED: RankingWarningCode
 RANKING_WARNING_CODE_FEW_REGISTRABLE: RankingWarningCode
 RANKING_WARNING_CODE_POSITIONS_UNUSED: RankingWarningCode
+RANKING_WARNING_CODE_VEHICLE_GROUNDED: RankingWarningCode
+RANKING_WARNING_CODE_UNREACHABLE: RankingWarningCode
+RANKING_WARNING_CODE_SAME_POSE: RankingWarningCode
+RANKING_WARNING_CODE_NOTHING_IN_VIEW: RankingWarningCode
 MISSION_FORMAT_UNSPECIFIED: MissionFormat
 MISSION_FORMAT_QGC_PLAN: MissionFormat
 MISSION_FORMAT_QGC_WPL: MissionFormat

@@ -201,7 +201,7 @@ class Plan(Model):
     now: Expectation
     end: Expectation
     tours: tuple[Tour, ...]
-    """One for each vehicle, in their order; a vehicle that is not needed has no stops."""
+    """One for each vehicle, in their order; a vehicle that is not needed, or cannot fly, has no stops."""
     candidates: tuple[CandidateTerms, ...]
     """The planned ones, and others in the order of what they would add; at most 200."""
     photographed: tuple[str, ...]

@@ -199,6 +199,7 @@ def _answer(prepared: _Prepared, flight: PlannedFlight) -> Plan:
             in_model=request.in_model,
             candidates=len(flight.generated or prepared.model_request.views),
             registrable=plan.registrable,
+            of_plan=plan.warnings,
         ),
     )
 

@@ -1,7 +1,9 @@
 """Warnings on a ranking: what limits its use, and the remedy."""
 
+from collections.abc import Sequence
 from enum import StrEnum
 
+from fvs_engine.plan.plan_records import PlanWarning
 from fvs_engine.plan.registrable import NEARER, few_registrable
 from fvs_service.model import Model
 from fvs_service.scenes.model import Alignment, AlignmentStatus
@@ -16,6 +18,14 @@ class RankingWarningCode(StrEnum):
     """The positions of the images contradict the model: the world frame is the model's."""
     FEW_REGISTRABLE = "few-registrable"
     """Hardly any candidate sees enough of what the images show to be registered."""
+    VEHICLE_GROUNDED = "vehicle-grounded"
+    """A vehicle of a plan gets no tour, because it cannot fly to any candidate."""
+    UNREACHABLE = "unreachable"
+    """No way leads to some candidates of a plan: no-fly zones or the model are in the way."""
+    SAME_POSE = "same-pose"
+    """Some candidates of a plan have the pose of another, and are not planned."""
+    NOTHING_IN_VIEW = "nothing-in-view"
+    """None of the planned views shows anything of the model."""
 
 
 class RankingWarning(Model):
@@ -46,12 +56,17 @@ _POSITIONS_UNUSED = RankingWarning(
 
 
 def warnings_of(
-    alignment: Alignment, *, in_model: bool, candidates: int, registrable: int | None
+    alignment: Alignment,
+    *,
+    in_model: bool,
+    candidates: int,
+    registrable: int | None,
+    of_plan: Sequence[PlanWarning] = (),
 ) -> tuple[RankingWarning, ...]:
     """The warnings on a ranking or a plan with this alignment.
 
     ``in_model``: all its poses are in the model frame. ``registrable`` of its ``candidates`` are likely to be
-    registered (None: that is not known).
+    registered (None: that is not known). ``of_plan``: the engine's warnings on a plan.
     """
     found = []
     if alignment.status is AlignmentStatus.ILL_CONDITIONED and not in_model:
@@ -62,4 +77,8 @@ def warnings_of(
     if few is not None:
         code = RankingWarningCode.FEW_REGISTRABLE
         found.append(RankingWarning(code=code, message=few, hint=NEARER))
+    found += [
+        RankingWarning(code=RankingWarningCode(warning.code), message=warning.message, hint=warning.hint)
+        for warning in of_plan
+    ]
     return tuple(found)

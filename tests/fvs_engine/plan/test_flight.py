@@ -165,10 +165,9 @@ INSIDE, ZONED, FREE = (0.5, 0.0, 0.0), (5.0, 0.5, 0.0), (0.0, 4.0, 0.0)
             "The only candidate outside of no-fly zones is inside a solid part of the model",
         ),
         ([FREE, INSIDE], [ZONED], "start of the vehicle is in a no-fly zone"),
-        ([FREE], [FREE, ZONED], "start of vehicle 2 of 2 is in a no-fly zone"),
         (
             [FREE],
-            [INSIDE, FREE],
+            [INSIDE, ZONED],
             "start of vehicle 1 of 2 is inside a solid part of the model, or within the safety",
         ),
     ],
@@ -182,3 +181,15 @@ def test_what_no_way_leads_to_is_named(candidates, starts, words):
 def test_candidates_that_cannot_be_flown_to_do_not_matter_beside_others():
     legs = free_legs(np.array([INSIDE, ZONED, FREE]), np.array([FREE]), FreeSpace(BALL, 0.1, [ZONE]))
     assert legs.between(np.array([3]), np.arange(3))[0].tolist() == pytest.approx([np.inf, np.inf, 0.0])
+
+
+def test_one_start_from_which_no_way_leads_does_not_matter_beside_another():
+    legs = free_legs(np.array([FREE]), np.array([ZONED, FREE, INSIDE]), FreeSpace(BALL, 0.1, [ZONE]))
+    zoned, free, inside = (legs.blocked(place) for place in (1, 2, 3))
+    assert zoned is not None
+    assert zoned.where == "in a no-fly zone"
+    assert free is None
+    assert inside is not None
+    assert inside.where.startswith("inside a solid part of the model")
+    found = legs.between(np.array([1, 2, 3]), np.array([0]))[:, 0]
+    assert found.tolist() == pytest.approx([np.inf, 0.0, np.inf])

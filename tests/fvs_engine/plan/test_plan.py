@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from fvs_engine.errors import Cancelled, InvalidInputError
-from fvs_engine.geometry import PinholeCamera, look_at
+from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.clearance import FreeSpace
 from fvs_engine.plan.familiarity import Observations
-from fvs_engine.plan.flight import FreeLegs
+from fvs_engine.plan.flight import FreeLegs, free_legs
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.plan import make_plan
 from fvs_engine.plan.plan_records import Plan
@@ -93,17 +93,6 @@ def test_several_vehicles_have_their_own_tours(targets: Targets) -> None:
     assert found.end.variance == pytest.approx(min(s.after.variance for t in found.tours for s in t.stops))
 
 
-def test_the_sentence_names_vehicles_that_photograph_nothing(targets: Targets) -> None:
-    near, away = ring(0)[0].centre, np.full(3, 1e3)
-
-    def sentence(*starts: np.ndarray) -> str:
-        return make_plan(targets, Budget(views=4, distance=5.0), starts, SEEN).sentence("m")
-
-    assert sentence(near, near).endswith("dB each.")
-    assert sentence(near, away).endswith(" Vehicle 2 photographs nothing.")
-    assert sentence(away, near, away).endswith(" Vehicles 1, 3 photograph nothing.")
-
-
 def test_there_must_be_candidates() -> None:
     with pytest.raises(InvalidInputError, match="no candidate"):
         make_plan(Targets(ring(0), []), Budget(views=3), [np.zeros(3)])
@@ -161,6 +150,100 @@ def test_targets_that_no_candidate_is_near_are_refused() -> None:
     assert "nearer to the targets" in (found.value.hint or "")
     beside = Targets(ring(0, 10, 20), ring(*range(30, 360, 10)), [view_at(0.0, 9.0)])
     assert make_plan(beside, Budget(views=3), [ring(0)[0].centre]).stops == 3
+
+
+FENCE = Box(centre=(-2.0, 0.0, 0.0), size=(0.1, 100.0, 100.0))
+ROUND_THE_START = Box(centre=(3.0, 0.0, 0.3), size=(0.2, 0.2, 0.2))
+
+
+@pytest.mark.parametrize("home", [False, True])
+@pytest.mark.parametrize("distance", [None, 6.0])
+@pytest.mark.parametrize(
+    ("start", "zones", "why"),
+    [
+        (ring(0)[0].centre, [ROUND_THE_START], "its start is in a no-fly zone."),
+        (np.array([-9.0, 0.0, 0.3]), [FENCE], "no way leads from its start to a candidate."),
+    ],
+)
+def test_a_vehicle_that_cannot_fly_leaves_the_views_to_the_others(
+    start: np.ndarray, zones: list[Box], why: str, distance: float | None, home: bool
+) -> None:
+    targets = Targets(ring(0), ring(*range(10, 120, 10)))
+    starts = np.stack([start, ring(60)[0].centre])
+    legs = free_legs(targets.centres, starts, FreeSpace(no_fly=zones))
+    found = make_plan(targets, Budget(4, distance, home), list(starts), SEEN, legs)
+    grounded, flying = found.tours
+    assert (grounded.stops, grounded.length, grounded.via_home) == ((), 0.0, ())
+    assert len(flying.stops) >= 2
+    (warning,) = found.warnings
+    assert warning.code == "vehicle-grounded"
+    assert warning.message == f"The 1st of 2 vehicles gets no tour: {why}"
+    assert warning.hint.endswith(".")
+
+
+@pytest.mark.parametrize("home", [False, True])
+def test_a_vehicle_whose_distance_is_too_short_says_how_far_it_is(targets: Targets, home: bool) -> None:
+    starts = [ring(0)[0].centre, np.array([13.0, 0.0, 0.3])]
+    found = make_plan(targets, Budget(5, 9.0, home, scale=2.0), starts, SEEN)
+    assert found.tours[0].stops
+    assert not found.tours[1].stops
+    (warning,) = found.warnings
+    nearest = np.linalg.norm(targets.centres - starts[1], axis=1).min()
+    assert "The 2nd of 2 vehicles gets no tour: its distance of 18 does not reach any" in warning.message
+    assert warning.message.endswith(f"nearest is {2 * nearest:.4g} away.")
+    least = float(warning.hint.split()[3]) / 2.0
+    assert least >= nearest * (2 if home else 1)
+    assert not make_plan(targets, Budget(5, least, home), starts, SEEN).warnings
+
+
+def test_a_vehicle_that_is_not_needed_could_fly(targets: Targets) -> None:
+    found = make_plan(targets, Budget(1), [ring(0)[0].centre, np.array([13.0, 0.0, 0.3])], SEEN)
+    assert [bool(tour.stops) for tour in found.tours].count(False) == 1
+    assert not found.warnings
+
+
+def test_candidates_behind_a_fence_are_counted(targets: Targets) -> None:
+    start = ring(0)[0].centre
+    legs = free_legs(targets.centres, start[None], FreeSpace(no_fly=[FENCE]))
+    found = make_plan(targets, Budget(views=5), [start], SEEN, legs)
+    (warning,) = found.warnings
+    assert warning.code == "unreachable"
+    behind = sum(term.distance is None for term in found.terms)
+    assert warning.message.startswith(f"{behind} of the 35 candidates cannot be reached")
+
+
+def test_one_photograph_is_planned_of_each_pose() -> None:
+    one, other = ring(90, 180)
+    turned = one.camera_from_model.rotation * np.array([[-1.0], [-1.0], [1.0]])  # rolled by half a turn
+    pose = RigidTransform(turned, one.camera_from_model.translation * np.array([-1.0, -1.0, 1.0]))
+    copies = [PinholeView(f"copy {number}", CAMERA, one.camera_from_model) for number in range(3)]
+    targets = Targets(ring(0), [one, *copies, PinholeView("rolled", CAMERA, pose), other])
+    for budget in (Budget(views=6), Budget(views=6, distance=50.0)):
+        found = make_plan(targets, budget, [ring(0)[0].centre], SEEN)
+        assert {stop.name for stop in found.tours[0].stops} == {"090", "180"}
+        (warning,) = found.warnings
+        assert warning.code == "same-pose"
+        assert warning.message.startswith("4 of the 6 candidates have the pose of another")
+
+
+def test_a_candidate_far_away_does_not_make_others_appear_the_same() -> None:
+    near = ring(*range(10, 360, 10))
+    targets = Targets(ring(0, 90), [*near, view_at(0.0, 1e7)])
+    assert targets.one_of_pose.all()
+
+
+def test_candidates_that_see_no_point_are_refused() -> None:
+    points = np.random.default_rng(0).normal(scale=0.2, size=(300, 3))
+    eyes = np.stack([view.centre for view in ring(0, 10)])
+    observations = Observations(points, np.repeat(np.arange(300), 2), np.tile(eyes, (300, 1)))
+    away = [
+        PinholeView(view.name, CAMERA, look_at(view.centre, 2 * view.centre, (0.0, 0.0, 1.0)).inverse())
+        for view in ring(0, 10, 20)
+    ]
+    with pytest.raises(InvalidInputError, match="No candidate can be registered") as found:
+        plan(Targets(ring(0, 10), away, (), observations))
+    assert "nearer to the images" in (found.value.hint or "")
+    assert plan(Targets(ring(0, 10), [*away, *ring(15)], (), observations)).stops == 1
 
 
 class Impatient(Monitor):

@@ -147,7 +147,10 @@ class RankingWarning(Answer):
     code: str
     """`ill-conditioned`: the world frame may be turned about the line of the photographs.
     `few-registrable`: hardly any candidate sees enough of what the images show to be registered.
-    `positions-unused`: the images' positions contradict the model, so the world frame is the model's."""
+    `positions-unused`: the images' positions contradict the model, so the world frame is the model's.
+    Of plans only: `vehicle-grounded`: a vehicle gets no tour, because it cannot fly to any candidate;
+    `unreachable`: no way leads to some candidates; `same-pose`: some have the pose of another;
+    `nothing-in-view`: no planned view shows anything of the model."""
     message: str
     hint: str
 

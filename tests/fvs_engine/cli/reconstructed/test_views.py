@@ -125,6 +125,44 @@ def test_a_plan_for_two_vehicles_within_a_distance(
     assert all(tour["length"] <= 1.5 * longest * 1.001 for tour in near.document["plan"]["tours"])
 
 
+def test_a_plan_says_which_vehicle_cannot_fly(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> None:
+    out, _ = first_run
+    start = _images(out)[0].projection_center()
+    zone = tmp_path / "zone.json"
+    zone.write_text(json.dumps({"kind": "box", "centre": start.tolist(), "size": [1e-3] * 3}))
+    here, there = (",".join(map(str, at)) for at in (start, start + 0.1))
+    options = ["--views", 3, "--no-fly", zone, "--out", tmp_path / "plan"]
+    run = fvs("plan", out, *options, "--start", here, "--start", there, "--json")
+    assert run.status == 0, run.stderr
+    grounded, flying = run.document["plan"]["tours"]
+    assert not grounded["stops"]
+    assert len(flying["stops"]) == 3
+    warnings = {warning["code"]: warning for warning in run.document["plan"]["warnings"]}
+    said = warnings["vehicle-grounded"]["message"]
+    assert said == "The 1st of 2 vehicles gets no tour: its start is in a no-fly zone."
+    shown = fvs("plan", out, *options, "--start", here, "--start", there)
+    assert said in " ".join(shown.stderr.split())
+    alone = fvs("plan", out, *options, "--start", here)
+    assert alone.status == EXIT_CODES["invalid-input"]
+    assert "The start of the vehicle is in a no-fly zone" in alone.stderr
+
+
+def test_plans_keep_names_of_any_characters(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> None:
+    out, _ = first_run
+    names = ["view one, 50%", "a b.jpg", "[red]x[/red]", "%20", "é/ü\\n"]
+    candidates = tmp_path / "candidates, 100%.json"
+    known = [image.name for image in _images(out)]
+    listed = [{"name": name, "view": view} for name, view in zip(names, known, strict=False)]
+    candidates.write_text(json.dumps(listed))
+    options = ["--candidates", candidates, "--targets", candidates, "--views", 5]
+    run = fvs("plan", out, *options, "--out", tmp_path / "a plan, 50%", "--json")
+    assert run.status == 0, run.stderr
+    assert run.document["targets"] == names
+    assert {term["name"] for term in run.document["plan"]["terms"]} == set(names)
+    table = fvs("plan", out, *options, "--out", tmp_path / "a plan, 50%").stdout
+    assert all(pose["name"] in table for pose in run.document["poses"])
+
+
 def test_a_plan_in_a_volume_keeps_clear_of_matter_and_zones(
     fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path
 ) -> None:
