@@ -68,7 +68,7 @@ class ViewInput(Record):
 
 
 def read_candidates(
-    path: Path, views: Sequence[PinholeView], aliases: Mapping[str, str]
+    path: Path, views: Sequence[PinholeView], aliases: Mapping[str, str], *, most: int | None = None
 ) -> tuple[PinholeView, ...]:
     """Read a candidates file: a JSON list of ``PoseInput`` and ``ViewInput``, or a transforms.json.
 
@@ -77,9 +77,11 @@ def read_candidates(
     align it with the model, unless they are too few, lie on a line or disagree with it.
 
     Raises ``InvalidInputError``, naming the file and the entry, for unknown or missing fields, numbers that
-    are not finite, quaternions that are not unit, names that occur twice, unknown views and empty lists.
+    are not finite, quaternions that are not unit, names that occur twice, unknown views, empty lists and more
+    than ``most`` poses (None: any number).
     """
     document = read_json(path)
+    _require_few(path, document, most)
     if isinstance(document, dict) and "frames" in document:
         candidates = _from_transforms(path, views, aliases)
     elif isinstance(document, list):
@@ -104,10 +106,21 @@ def read_candidates(
     return tuple(candidates)
 
 
-def candidates_of(model: TrainedModel, path: Path | None) -> tuple[PinholeView, ...]:
+def _require_few(path: Path, document: Any, most: int | None) -> None:
+    listed = document.get("frames") if isinstance(document, dict) else document
+    if most is not None and isinstance(listed, list) and len(listed) > most:
+        raise InvalidInputError(
+            f"{path} holds {len(listed):,} poses; at most {most:,} can be planned with.",
+            hint="Leave some out: several hundred spread over the scene are enough.",
+        )
+
+
+def candidates_of(
+    model: TrainedModel, path: Path | None, *, most: int | None = None
+) -> tuple[PinholeView, ...]:
     """The candidates of a file; without one the held-out views, and poses between training views."""
     if path is not None:
-        return read_candidates(path, model.views, model.aliases)
+        return read_candidates(path, model.views, model.aliases, most=most)
     return candidates_at(model.held_out_views, model.camera) + candidates_between(model.training_views)
 
 

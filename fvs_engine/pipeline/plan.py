@@ -21,10 +21,11 @@ from fvs_engine.pipeline.candidates import candidates_of, read_candidates
 from fvs_engine.pipeline.model import TrainedModel, open_model
 from fvs_engine.pipeline.plan_picture import draw_plan
 from fvs_engine.plan.clearance import FreeSpace
+from fvs_engine.plan.considered import considered
 from fvs_engine.plan.distances import view_points
-from fvs_engine.plan.flight import free_legs
+from fvs_engine.plan.flight import MOST_PLACES, free_legs
 from fvs_engine.plan.forecast import Seen
-from fvs_engine.plan.generate import Aim, candidates_in
+from fvs_engine.plan.generate import MOST_CANDIDATES, Aim, candidates_in
 from fvs_engine.plan.kriging import variances
 from fvs_engine.plan.plan import make_plan
 from fvs_engine.plan.plan_records import Plan
@@ -95,6 +96,8 @@ def plan_next_views(
     the same format, by default all views of the model and the candidates. Vehicles are at ``starts``, in the
     model frame, or as many as ``vehicles`` at the last photograph. The held-out views calibrate the forecast.
 
+    Of very many candidates an even share is considered (``considered``), with a warning.
+
     With a ``flight`` candidates may come from a volume, and vehicles keep clear of matter and no-fly zones.
 
     Returns the plan and the folder written: ``out``, or ``plan/`` in ``root``. Raises what ``open_model``,
@@ -107,15 +110,26 @@ def plan_next_views(
         volume = read_volume(flight.volume)
         later = candidates_in(volume, flight.count, model.camera, up=_up(model), aim=flight.aim, space=space)
     else:
-        later = candidates_of(model, candidates_file)
-    served = read_candidates(targets_file, model.views, model.aliases) if targets_file else ()
+        later = candidates_of(model, candidates_file, most=MOST_CANDIDATES)
+    served: tuple[PinholeView, ...] = ()
+    if targets_file:
+        served = read_candidates(targets_file, model.views, model.aliases, most=MOST_CANDIDATES)
+    places = [np.array(start) for start in starts] or [model.training_views[-1].centre] * vehicles
+    most = MOST_CANDIDATES if space is None else MOST_PLACES - len(places)
+    given, later = len(later), considered(later, budget.views, most)
+    if len(later) < given:
+        _log.warning(
+            "The plan considers %s of the %s candidates, drawn evenly: with all of them it would take too "
+            "long. Give fewer candidates, or fewer views.",
+            f"{len(later):,}",
+            f"{given:,}",
+        )
     if not served:
         served = (*model.views, *(view for view in later if view not in model.views))
     if not all(np.isfinite(start).all() for start in starts):
         raise InvalidInputError("A start must be three finite numbers.", hint="Give --start X,Y,Z.")
     observations = read_observations(model.workspace.undistorted / "sparse") if _estimated(model) else None
     targets = Targets(model.training_views, later, served, observations, monitor=monitor)
-    places = [np.array(start) for start in starts] or [model.training_views[-1].centre] * vehicles
     legs = free_legs(targets.centres, np.stack(places), space) if space is not None else None
     plan = with_appearance(
         make_plan(targets, budget, places, _seen(model, targets.spread), legs, monitor),

@@ -216,6 +216,19 @@ def test_plans_that_cannot_be_made_say_what_to_change(
     nothing = fvs("plan", first_run[0], "--no-fly", tmp_path / "zone.json").stderr
     assert nothing.count("zone.json") == 1
     assert fvs("plan", tmp_path).status == EXIT_CODES["invalid-input"]
+    many = tmp_path / "many.json"
+    many.write_text(json.dumps([{}] * 100_001))
+    for option in ("--candidates", "--targets"):
+        assert "holds 100,001 poses; at most 100,000" in fvs("plan", first_run[0], option, many).stderr
+
+
+def test_of_very_many_candidates_an_even_share_is_considered(
+    fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fvs_engine.plan.considered._MOST_PRODUCTS", 8 * 5)
+    run = fvs("plan", first_run[0], "--views", 2, "--out", tmp_path / "plan", "--json")
+    assert "considers 5 of the" in run.stderr
+    assert len(run.document["mission"]["terms"]) == 5
 
 
 def test_a_forecast_measures_variances_as_its_plan_does(
