@@ -228,7 +228,7 @@ def test_of_very_many_candidates_an_even_share_is_considered(
     monkeypatch.setattr("fvs_engine.plan.considered._MOST_PRODUCTS", 8 * 5)
     run = fvs("plan", first_run[0], "--views", 2, "--out", tmp_path / "plan", "--json")
     assert "considers 5 of the" in run.stderr
-    assert len(run.document["mission"]["terms"]) == 5
+    assert len(run.document["plan"]["terms"]) == 5
 
 
 def test_a_forecast_measures_variances_as_its_plan_does(
