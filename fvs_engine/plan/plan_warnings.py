@@ -47,8 +47,8 @@ def unreachable_candidates(count: int, legs: Legs, starts: Sequence[int]) -> Ite
     if missed := int(np.isinf(lengths).sum()):
         yield PlanWarning(
             code="unreachable",
-            message=f"{missed} of the {count} candidates cannot be reached: no-fly zones or the model are in "
-            "the way.",
+            message=f"{missed:,} of the {count:,} candidates cannot be reached: no-fly zones or the model "
+            "are in the way.",
             hint="Give a start on their side, smaller zones or a shorter safety distance.",
         )
 
@@ -58,8 +58,8 @@ def copied_candidates(one_of_pose: Mask) -> Iterator[PlanWarning]:
     if copies := int((~one_of_pose).sum()):
         yield PlanWarning(
             code="same-pose",
-            message=f"{copies} of the {len(one_of_pose)} candidates {'has' if copies == 1 else 'have'} the "
-            "pose of another: a plan takes one photograph of each pose.",
+            message=f"{copies:,} of the {len(one_of_pose):,} candidates {'has' if copies == 1 else 'have'} "
+            "the pose of another: a plan takes one photograph of each pose.",
             hint="Give candidates whose positions or directions differ.",
         )
 

@@ -54,7 +54,10 @@ class Budget:
         if self.views < 1:
             raise InvalidInputError(f"A plan needs at least one view, not {self.views}.")
         if self.distance is not None and not 0.0 < self.distance < np.inf:
-            raise InvalidInputError(f"The distance of a plan must be positive, not {self.distance}.")
+            raise InvalidInputError(
+                f"The distance of a plan must be positive, not {self.distance:g}.",
+                hint="Give a longer one, or none where there is no limit.",
+            )
 
     def before(self, vehicle: int) -> float:
         """How far a vehicle has flown before its tour."""

@@ -206,6 +206,7 @@ def test_plans_that_cannot_be_made_say_what_to_change(
     assert short.status == EXIT_CODES["invalid-input"]
     assert "does not reach any candidate: the nearest is" in short.stderr
     assert "Give at least" in short.stderr
+    assert "none where there is no limit" in fvs("plan", first_run[0], "--distance", 0).stderr
     assert "is not X,Y,Z" in fvs("plan", first_run[0], "--start", "1,2").stderr
     assert "finite" in fvs("plan", first_run[0], "--start", "nan,0,0").stderr
     assert "at most 1e+09" in fvs("plan", first_run[0], "--start", "1e300,0,0").stderr
