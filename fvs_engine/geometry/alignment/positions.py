@@ -1,4 +1,4 @@
-"""Camera centres against their positions as something else knows them, GPS for example."""
+"""Camera centres compared with their positions from another source, such as GPS."""
 
 from dataclasses import dataclass
 
@@ -57,7 +57,7 @@ class PositionFit:
 
     @property
     def contradicts(self) -> bool:
-        """Whether hardly any centre fits its position."""
+        """Whether centres and positions contradict each other as a whole."""
         many = self.misplaced.sum() > MAX_MISPLACED_SHARE * len(self.misplaced)
         return self.residual_share > _MAX_RESIDUAL_SHARE or bool(many)
 

@@ -19,7 +19,7 @@ from fvs_engine.sfm.warnings import doubtful
 def doubts_by_priors(
     given: PosePriors | None, database: Path, centres: Mapping[str, NDArray[np.float64]]
 ) -> tuple[str, ...]:
-    """The warning that names such images; none where model and priors contradict each other as a whole.
+    """The warning that names these images; none where model and priors contradict each other as a whole.
 
     ``given``: pose priors, by default the GPS positions in the EXIF data that the ``database`` has.
     """

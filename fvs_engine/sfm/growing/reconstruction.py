@@ -360,7 +360,7 @@ class GrowingReconstruction:
 
     @contextlib.contextmanager
     def _damage_named(self) -> Iterator[None]:
-        """Errors of damaged files in the block get the remedy: nothing can be added to them."""
+        """Add the remedy to errors about damaged files in the block: start again, as nothing can be added."""
         try:
             yield
         except DamagedOutputError as damage:
