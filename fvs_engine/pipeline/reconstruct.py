@@ -28,7 +28,7 @@ _BYTES_PER_PHOTOGRAPH = 4_000_000
 
 _LASTING = (
     *("quality", "training_long_side_px", "test_every", "seed"),
-    *("colmap", "transforms", "camera_model", "intrinsics"),
+    *("colmap", "transforms", "camera_model", "intrinsics", "gps"),
 )
 """The settings that a resumed reconstruction must share with the one that it resumes."""
 
