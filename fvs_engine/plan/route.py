@@ -44,7 +44,7 @@ class Legs(Protocol):
         ...
 
     def blocked(self, place: int) -> Blocked | None:
-        """What keeps all ways from leading from a place; None where it is free."""
+        """What blocks all ways from a place; None where it is free."""
         ...
 
 

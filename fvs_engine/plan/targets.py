@@ -63,7 +63,7 @@ class Targets:
 
     @property
     def one_of_pose(self) -> Mask:
-        """One of the later views [n] for each pose, whatever its roll: the likeliest registered, or first."""
+        """Mask [n] with one later view of each pose, ignoring roll: the likeliest registered or first."""
         mask = np.zeros(len(self.later), dtype=bool)
         rounded = np.round(view_points(self.later, self._spread_visited), _POSE_DIGITS) + 0.0  # not -0.0
         order = np.argsort(-self.chances, kind="stable")

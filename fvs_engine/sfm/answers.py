@@ -1,4 +1,4 @@
-"""Answers of native jobs: records that the SfM child writes as JSON."""
+"""Results of native jobs, which the SfM child returns as JSON."""
 
 from fvs_engine.records import Record
 

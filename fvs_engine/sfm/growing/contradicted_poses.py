@@ -1,4 +1,4 @@
-"""Doubts about registered images whose poses their position priors contradict.
+"""Doubts about registered images whose poses contradict their position priors.
 
 New poses are checked when they are estimated. Priors may be able to judge them only later, when the track has
 become long enough for their accuracy.
@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.images.names import listed
 from fvs_engine.sfm.pose_priors import PosePriors
-from fvs_engine.sfm.verification.positions import fit_priors, misplaced, usable_priors
+from fvs_engine.sfm.verification.positions import fit_priors, shared, usable_priors
 from fvs_engine.sfm.warnings import doubtful
 
 
@@ -29,7 +29,7 @@ def doubts_by_priors(
     fit = fit_priors(priors, centres)
     if fit is None or fit.contradicts or not fit.misplaced.any():
         return ()
-    names = listed(sorted(misplaced(priors, centres)))
+    names = listed([name for name, far in zip(shared(priors, centres), fit.misplaced, strict=True) if far])
     return (
         doubtful(
             f"Far from their position priors: {names}. Either their poses or these positions are wrong."

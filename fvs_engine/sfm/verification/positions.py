@@ -23,11 +23,11 @@ def fit_priors(
     priors: PosePriors, centres: Mapping[str, Array], least: int = MIN_POSITIONS
 ) -> PositionFit | None:
     """Align the centres that have a position prior, in the order of names; see ``fit_positions``."""
-    shared = _shared(priors, centres)
-    if len(shared) < least:
+    names = shared(priors, centres)
+    if len(names) < least:
         return None
-    model = np.stack([centres[name] for name in shared])
-    return fit_positions(model, priors.positions(shared), priors.position_sigmas(shared), least)
+    model = np.stack([centres[name] for name in names])
+    return fit_positions(model, priors.positions(names), priors.position_sigmas(names), least)
 
 
 def misplaced(priors: PosePriors, centres: Mapping[str, Array]) -> dict[str, float]:
@@ -35,7 +35,7 @@ def misplaced(priors: PosePriors, centres: Mapping[str, Array]) -> dict[str, flo
     fit = fit_priors(priors, centres)
     if fit is None:
         return {}
-    return {name: float(fit.off[k]) for k, name in enumerate(_shared(priors, centres)) if fit.misplaced[k]}
+    return {name: float(fit.off[k]) for k, name in enumerate(shared(priors, centres)) if fit.misplaced[k]}
 
 
 def informative(priors: PosePriors, centres: Mapping[str, Array]) -> bool:
@@ -58,7 +58,8 @@ def contradict(priors: PosePriors, centres: Mapping[str, Array]) -> bool:
     return fit is not None and fit.contradicts
 
 
-def _shared(priors: PosePriors, centres: Mapping[str, Array]) -> list[str]:
+def shared(priors: PosePriors, centres: Mapping[str, Array]) -> list[str]:
+    """The images with both a centre and a position prior, sorted by name: the order of a ``PositionFit``."""
     return sorted(centres.keys() & priors.by_name.keys())
 
 

@@ -85,6 +85,7 @@ def test_more_iterations_go_on(fvs: Fvs, photographs: Path, out: Path) -> None:
     [
         (("--iterations", 120, "--long-side", 240, "--test-every", 4), "test_every was 5 and is 4"),
         ((*OPTIONS, "--seed", 3), "seed was 0 and is 3"),
+        ((*OPTIONS, "--no-gps"), "gps was True and is False"),
         ((*OPTIONS, "--quality", "fine"), "quality was coarse and is fine"),
         ((*OPTIONS, "--camera-model", "OPENCV"), "camera_model was the default and is OPENCV"),
     ],
