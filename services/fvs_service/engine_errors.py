@@ -21,7 +21,7 @@ def from_engine(error: EngineError) -> ServiceError:
     """The service's error for one of the engine's, with file names in place of paths."""
     message, hint = without_paths(error.message), without_paths(error.hint)
     if error.code == "disk-full":
-        return OutOfSpaceError("The disk is full.", hint="Free some space on the service's disk.")
+        return OutOfSpaceError("The disk is full.")
     for kind, service_kind in _OF_ENGINE:
         if isinstance(error, kind):
             return service_kind(message, hint=hint)

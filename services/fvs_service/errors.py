@@ -176,7 +176,7 @@ class ConflictError(
     status=409,
     rpc_status="FAILED_PRECONDITION",
     retryable=False,
-    usual_hint="Read the resource again: its state shows what is possible now.",
+    usual_hint="Read the resource: its state shows what is possible now.",
 ):
     """The request contradicts the state of its resource."""
 
@@ -196,9 +196,19 @@ class NoSnapshotError(
     code="no-snapshot",
     title="The scene has no model yet",
     retryable=True,
-    usual_hint="Send images, then run an update.",
+    usual_hint="Send images, run an update, and try again when it has made a snapshot.",
 ):
     """The scene has no model yet."""
+
+
+class UnfinishedJobError(
+    ConflictError,
+    code="unfinished-job",
+    title="A job has to end first",
+    retryable=True,
+    usual_hint="Try again when the job has ended.",
+):
+    """What is requested is possible once a job has ended."""
 
 
 class StaleLeaseError(
@@ -218,7 +228,7 @@ class GoneError(
     status=410,
     rpc_status="NOT_FOUND",
     retryable=False,
-    usual_hint="Send the request again with a new idempotency key.",
+    usual_hint="Use a new idempotency key.",
 ):
     """The resource that an idempotency key created has been deleted."""
 
@@ -378,8 +388,7 @@ class DeadlineError(
     title="The answer takes longer than the client waits",
     status=504,
     rpc_status="DEADLINE_EXCEEDED",
-    retryable=False,
-    usual_hint="Wait longer, or ask for less in one request.",
+    usual_hint="Try again later, wait longer, or ask for less in one request.",
 ):
     """The time that the client waits for the answer is over; what was computed for it has stopped."""
 
@@ -390,7 +399,7 @@ class ClientGoneError(
     title="The client has closed the connection",
     status=499,
     rpc_status="CANCELLED",
-    usual_hint="Keep the connection open until the response has arrived.",
+    usual_hint="Try again, and keep the connection open until the response has arrived.",
 ):
     """The client closed the connection before the answer; the error is only logged and counted."""
 
@@ -401,7 +410,7 @@ class OutOfSpaceError(
     title="The disk is full",
     status=507,
     rpc_status="RESOURCE_EXHAUSTED",
-    usual_hint="Free some space on the service's disk.",
+    usual_hint="Free some space on the service's disk, then try again.",
 ):
     """The disk is full."""
 
@@ -410,7 +419,8 @@ def deadline_passed(timeout_s: float) -> DeadlineError:
     """The error for a request that could not be answered within ``timeout_s``."""
     return DeadlineError(
         f"There was no answer within {timeout_s:g} s.",
-        hint="Rank fewer candidates, or wait longer: raise X-Timeout-S, or over gRPC the deadline.",
+        hint="Try again later, with fewer candidates, or wait longer: raise X-Timeout-S, or over gRPC the "
+        "deadline.",
     )
 
 

@@ -33,22 +33,35 @@ def test_the_way_from_photographs_to_a_ranking(
     assert run("upload", name, photographs).stdout == _like("3 sent (", ")")
     assert run("upload", name, photographs).stdout == "0 sent (0.0 MB), 3 there already\n"
     assert "no model" in run("download", name, expect=2).stderr
-    assert "nothing can be ranked" in run("rank", name, expect=3).stderr
+    assert "no model" in run("rank", name, expect=3).stderr
     snapshot_id = gateway.model(scene_id)
     shown = run("scenes", "show", name).stdout
     assert f"{snapshot_id}  update, 6 images registered, 60 Gaussians" in shown
     ranked = run(
         "rank", name, "--count", "5", "--top", "2", "--renders", tmp_path / "views"
     ).stdout.splitlines()
-    assert len(ranked) == 4
+    assert len(ranked) == 5
     assert ranked[0].split() == ["rank", "id", "score", "coverage", "distance", "status", "pose"]
     assert [line.split()[0] for line in ranked[1:3]] == ["1", "2"]
-    assert "3 more; by median-frequency" in ranked[-1]
+    assert "3 more; by median-frequency" in ranked[-2]
+    assert ranked[-1] == f"2 renders and spectra are in {tmp_path / 'views'}"
     assert len(list((tmp_path / "views").glob("*-render.png"))) == 2
     files = run("download", name, "--out", tmp_path / "model").stdout.splitlines()
     assert [Path(file).name for file in files] == ["cameras.json", "point_cloud.ply"]
     assert all(Path(file).is_file() for file in files)
     assert snapshot_id in run("scenes", "list").stdout
+
+
+def test_candidates_that_the_method_did_not_render_are_rendered(
+    run: Run, gateway: Any, scene_id: str, tmp_path: Path
+) -> None:
+    gateway.model(scene_id)
+    here = tmp_path / "here.json"
+    here.write_text(json.dumps({"position": [90.0, 0.0, 0.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}))
+    far = ("--current", here, "--radius", 1, "--count", 2, "--renders", tmp_path / "views")
+    assert "%" not in run("rank", scene_id, *far).stdout  # no coverage was measured
+    kinds = sorted(path.stem.rpartition("-")[2] for path in (tmp_path / "views").iterdir())
+    assert kinds == ["render", "render", "spectrum", "spectrum"]
 
 
 def test_a_flight_is_planned(run: Run, gateway: Any, scene_id: str, tmp_path: Path) -> None:

@@ -18,7 +18,7 @@ from fvs_client import (
     UnavailableError,
     UnexpectedAnswerError,
 )
-from fvs_client.errors import DigestMismatchError, FvsError, Problem, error_of
+from fvs_client.errors import DeadlineExceededError, DigestMismatchError, FvsError, Problem, error_of
 
 Act = Callable[[BaseHTTPRequestHandler], None]
 
@@ -83,6 +83,7 @@ def test_transient_failures_are_tried_again(script: Any, act: Act) -> None:
         (problem(403, "forbidden", retryable=False), ForbiddenError),
         (problem(409, "a-new-code", retryable=True), ApiError),
         (problem(500, "internal", retryable=False), ServiceFailedError),
+        (problem(504, "deadline-exceeded", retryable=True), DeadlineExceededError),
         (answer(200, b"<html>"), UnexpectedAnswerError),
         (answer(200, {"state": "unheard of"}), UnexpectedAnswerError),
     ],

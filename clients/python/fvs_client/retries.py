@@ -4,7 +4,13 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from fvs_client.errors import ApiError, ConnectionFailedError, DigestMismatchError, FvsError
+from fvs_client.errors import (
+    ApiError,
+    ConnectionFailedError,
+    DeadlineExceededError,
+    DigestMismatchError,
+    FvsError,
+)
 
 _TRANSIENT = frozenset({408, 429, 500, 502, 503, 504})
 
@@ -40,4 +46,6 @@ NO_RETRIES = Retries(attempts=1)
 def _is_transient(error: FvsError) -> bool:
     if isinstance(error, ConnectionFailedError | DigestMismatchError):
         return True
+    if isinstance(error, DeadlineExceededError):  # the caller's time is over
+        return False
     return isinstance(error, ApiError) and error.status in _TRANSIENT and error.retryable

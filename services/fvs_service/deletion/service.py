@@ -6,7 +6,7 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from fvs_service.deletion import rows
-from fvs_service.errors import ConflictError
+from fvs_service.errors import ConflictError, UnfinishedJobError
 from fvs_service.images.resumable_uploads import ResumableUploads
 from fvs_service.jobs.model import JobState
 from fvs_service.principal import Principal, Scope
@@ -55,7 +55,10 @@ class Deletions:
                     "The snapshot is pinned.", hint='Unpin it first: PATCH {"pinned": false}.'
                 )
             if snapshot.job_id in open_job_ids(session, snapshot.scene_id):
-                raise ConflictError("The snapshot's job has not ended.", hint="Wait, or cancel the job.")
+                raise UnfinishedJobError(
+                    "The snapshot's job has not ended.",
+                    hint="Try again when it has ended, or cancel it.",
+                )
             rows.delete_snapshot(session, snapshot.scene_id, snapshot_id, REQUESTED, self._grace)
 
     def ranking(self, principal: Principal, ranking_id: str) -> None:

@@ -43,8 +43,9 @@ class JobRequest(Model):
 
     kind: JobKind
     iterations: Annotated[int, Field(strict=True, gt=0, le=100_000), WHOLE] | None = None
-    """Training iterations; the default depends on the kind of job and the number of images. Of a scene's
-    updates only the first can set it: later ones continue its schedule."""
+    """Training iterations of the full model of an update, or of the fine model; the default depends on the
+    kind of job and the number of images. Of a scene's updates only the first can set it: later ones have no
+    fewer, and with more images as many per image."""
     long_side_px: Annotated[int, Field(strict=True, ge=64, le=8192), WHOLE] | None = None
     """Train on images downscaled to this long side. Of a scene's updates only the first can set it."""
     test_every: Annotated[int, Field(strict=True, ge=2, le=1_000), WHOLE] | None = None

@@ -2,7 +2,7 @@
 
 from sqlalchemy.orm import Session
 
-from fvs_service.errors import ConflictError, LimitExceededError
+from fvs_service.errors import ConflictError, LimitExceededError, UnfinishedJobError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
@@ -89,7 +89,8 @@ class Jobs:
     def retry(self, principal: Principal, job_id: str) -> Job:
         """Queue a failed or canceled job again; its finished stages are not repeated.
 
-        Raises ``ConflictError`` in another state, ``LimitExceededError`` as ``create`` does.
+        Raises ``ConflictError`` in another state, ``UnfinishedJobError`` while another job waits to do the
+        same, ``LimitExceededError`` as ``create`` does.
         """
         principal.require(Scope.OPERATE, principal.scene_id)
         with self._database.writing() as session:
@@ -98,12 +99,12 @@ class Jobs:
             if job.state not in (JobState.FAILED, JobState.CANCELED):
                 raise ConflictError(
                     f"The job is {job.state.value}; only failed and canceled jobs can be retried.",
-                    hint="Submit another job." if job.state.ended else "Wait until it has ended.",
+                    hint="Submit another job." if job.state.ended else "Cancel it first to begin again.",
                 )
             if repository.queued_job(session, job.scene_id, job.kind) is not None:
-                raise ConflictError(
+                raise UnfinishedJobError(
                     f"Another {job.kind.value} job of the scene is queued, and does the same.",
-                    hint="Wait for that job, or retry this one when it has ended.",
+                    hint="Try again if that job has ended and did not succeed.",
                 )
             self._require_room(session, principal.tenant_id)
             again = repository.change(

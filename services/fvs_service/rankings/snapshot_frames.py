@@ -49,8 +49,9 @@ class SnapshotFrames:
         wanted = snapshot_id or scene.snapshot_id
         if wanted is None:
             raise NoSnapshotError(
-                "The scene has no model yet, so nothing can be ranked.",
-                hint='Run an update (fvs-client update, a job {"kind": "update"}) and wait for its snapshot.',
+                "The scene has no model yet.",
+                hint='Run an update (fvs-client update, a job {"kind": "update"}), and try again when it has '
+                "made a snapshot.",
             )
         snapshot: Snapshot = self._snapshot(wanted)
         if snapshot.scene_id != scene.id:

@@ -26,8 +26,8 @@ def size_of(job: Job, images: Sequence[Image], first: bool, settings: WorkerSett
     if fine:
         iterations = job.request.iterations or settings.fine_iterations
     else:
-        least = job.request.iterations or settings.initial_iterations
-        iterations = max(least, settings.iterations_per_image * len(images))
+        usual = max(settings.initial_iterations, settings.iterations_per_image * len(images))
+        iterations = job.request.iterations or usual
     return JobSize(
         first=first,
         images=len(images),

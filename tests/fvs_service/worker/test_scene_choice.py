@@ -7,6 +7,7 @@ from fvs_service.worker.runner.scene_choice import choose, read_choice
 from fvs_service.worker.runner.scene_folder import SceneFolder
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.sfm.settings import SfmSettings
 
 UPDATE = JobRequest(kind=JobKind.UPDATE)
@@ -32,3 +33,16 @@ def test_a_scene_that_begins_with_many_images_has_the_features_of_a_large_set(
     usual = SfmSettings()
     assert sfm.features(5) == (usual.features_of_many if many else usual.features_of_few)
     assert sfm.features(50) == usual.features_of_many
+
+
+@pytest.mark.parametrize(("requested", "images"), [(300, 11), (300, 24), (5, 11), (2_000, 30)])
+def test_the_first_full_model_has_the_requested_iterations(
+    tmp_path: Path, requested: int, images: int
+) -> None:
+    request = UPDATE.model_copy(update={"iterations": requested})
+    made = choose(SceneFolder(tmp_path), request, WorkerSettings(), images)
+    settings = SceneSettings(
+        initial_iterations=made.initial_iterations, iterations_per_view=made.iterations_per_image
+    )
+    assert settings.iterations_of("full", images) == requested
+    assert requested <= settings.iterations_of("full", 2 * images) <= 2 * requested

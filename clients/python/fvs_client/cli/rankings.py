@@ -88,7 +88,10 @@ def rank(
     seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Seed of random methods.")] = 0,
     for_vehicle: ForVehicleOption = None,
     renders: Annotated[
-        Path | None, typer.Option(metavar="DIR", help="Save the candidates' renders and spectra.")
+        Path | None,
+        typer.Option(
+            metavar="DIR", help="Save the render and the spectrum of every candidate of the answer."
+        ),
     ] = None,
     timeout: Annotated[
         float | None,
@@ -106,6 +109,8 @@ def rank(
     current_pose = None if current is None else read_pose(current)
     with service(context, as_json=as_json) as client:
         found = find_scene(client, scene)
+        if renders is not None:
+            renders.mkdir(parents=True, exist_ok=True)  # before a ranking is made for nothing
         with ranking_progress(as_json=as_json) as on_scored:
             ranking = found.rank(
                 listed,
@@ -130,6 +135,8 @@ def rank(
         print_json(ranking.model_dump(mode="json"))
     else:
         _print(ranking)
+        if renders is not None:
+            typer.echo(f"{len(ranking.candidates)} renders and spectra are in {renders}")
 
 
 @rankings.command("delete")
@@ -176,9 +183,6 @@ def _print(ranking: Ranking) -> None:
 
 
 def _save_renders(ranking: Ranking, folder: Path) -> None:
-    folder.mkdir(parents=True, exist_ok=True)
     for number, item in enumerate(ranking.candidates, start=1):
-        if item.coverage is None:  # not rendered: visited, or out of range
-            continue
         (folder / f"{number:04d}-{item.id}-render.png").write_bytes(ranking.render(item))
         (folder / f"{number:04d}-{item.id}-spectrum.png").write_bytes(ranking.spectrum(item))

@@ -30,8 +30,9 @@ class JobRequest(Input):
 
     kind: JobKind
     iterations: int | None = None
-    """Training iterations; by default chosen by kind of job and number of images. Of a scene's updates only
-    the first can set it."""
+    """Training iterations of the full model of an update, or of the fine model; the default depends on the
+    kind of job and the number of images. Of a scene's updates only the first can set it: later ones have no
+    fewer, and with more images as many per image."""
     long_side_px: int | None = None
     """Reduce training images to this long side. Of a scene's updates only the first can set it."""
     test_every: int | None = None

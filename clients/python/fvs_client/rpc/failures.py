@@ -128,8 +128,8 @@ def _deadline_passed(within: str) -> httpx2.Response:
         "title": "The answer takes longer than the client waits",
         "code": "deadline-exceeded",
         "detail": f"There was no answer within {within} s.",
-        "hint": "Rank fewer candidates, or wait longer: raise timeout_s.",
-        "retryable": False,
+        "hint": "Try again later, with fewer candidates, or wait longer: raise timeout_s.",
+        "retryable": True,
     }
     return _problem(504, problem)
 

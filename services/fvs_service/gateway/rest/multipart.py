@@ -59,9 +59,13 @@ async def receive_files(
                     with receiver:
                         yield file
         if not parts.ended:
-            raise MalformedRequestError("The form is cut off.", hint="Send it again.")
+            raise MalformedRequestError(
+                "The form is cut off.", hint="End it with its boundary and two hyphens (RFC 2046)."
+            )
     except FormParserError as error:
-        raise MalformedRequestError("The form is broken.", hint="Send it again.") from error
+        raise MalformedRequestError(
+            "The form is broken.", hint="RFC 7578 describes forms; curl -F file=@photograph.jpg sends one."
+        ) from error
     finally:
         parts.close()
 

@@ -31,7 +31,7 @@ class SceneChoice(Record):
 
 
 def choose(folder: SceneFolder, request: JobRequest, settings: WorkerSettings, images: int) -> SceneChoice:
-    """The choice of the scene's first update; this one, of ``images``, makes it if it is the first.
+    """The choice of the scene's first update; this one, of ``images`` ≥ 1, makes it if it is the first.
 
     Raises ``InvalidInputError`` when a later request wants another one.
     """
@@ -41,7 +41,7 @@ def choose(folder: SceneFolder, request: JobRequest, settings: WorkerSettings, i
         kept = SceneChoice(
             long_side_px=request.long_side_px or settings.long_side_px,
             initial_iterations=request.iterations or settings.initial_iterations,
-            iterations_per_image=settings.iterations_per_image,
+            iterations_per_image=iterations_per_image(request, settings, images),
             max_gaussians=settings.max_gaussians,
             many_images=has_first_model(first=True, images=images),
         )
@@ -57,6 +57,15 @@ def choose(folder: SceneFolder, request: JobRequest, settings: WorkerSettings, i
                 hint=f"Omit {name}. Fine jobs and new scenes can have other values.",
             )
     return kept
+
+
+def iterations_per_image(request: JobRequest, settings: WorkerSettings, images: int) -> int:
+    """The iterations per image of a scene whose first update, of ``images``, is the ``request``.
+
+    No more than give the requested number for these images: only more images get more.
+    """
+    usual = settings.iterations_per_image
+    return usual if request.iterations is None else min(usual, request.iterations // images)
 
 
 def read_choice(folder: SceneFolder) -> SceneChoice:
