@@ -14,10 +14,10 @@ from fvs.v1 import jobs_pb2 as jobs
 from fvs.v1 import scenes_pb2 as scenes
 from fvs.v1 import views_pb2 as views
 from fvs_service.gateway.rpc import server
+from google.protobuf.descriptor_pb2 import FileDescriptorProto
 from grpc_health.v1.health_pb2 import HealthCheckRequest, HealthCheckResponse
 from grpc_health.v1.health_pb2_grpc import HealthStub
-from grpc_reflection.v1alpha.reflection_pb2 import ServerReflectionRequest
-from grpc_reflection.v1alpha.reflection_pb2_grpc import ServerReflectionStub
+from grpc_reflection.v1alpha.reflection_pb2 import ServerReflectionRequest, ServerReflectionResponse
 
 from fvs_engine.candidates import CandidateScore, CandidateStatus
 
@@ -99,6 +99,7 @@ def test_an_upload_that_lies_is_refused_and_nothing_of_it_is_kept(
         "fvs.v1.SceneService/WatchEvents",
         "grpc.health.v1.Health/Check",
         "grpc.health.v1.Health/Watch",
+        "grpc.reflection.v1.ServerReflection/ServerReflectionInfo",
         "grpc.reflection.v1alpha.ServerReflection/ServerReflectionInfo",
     ],
 )
@@ -325,13 +326,24 @@ def test_health_needs_no_key_and_knows_the_services(rpc: Any) -> None:
     watching.cancel()
 
 
-def test_reflection_lists_the_services(rpc: Any) -> None:
-    asked = iter([ServerReflectionRequest(list_services="")])
-    (answer,) = ServerReflectionStub(rpc.channel).ServerReflectionInfo(asked)
+@pytest.mark.parametrize("version", ["v1", "v1alpha"])
+def test_reflection_describes_the_services(rpc: Any, version: str) -> None:
+    """Also itself: programs such as grpcurl describe every service that is listed."""
+    ask = rpc.channel.stream_stream(
+        f"/grpc.reflection.{version}.ServerReflection/ServerReflectionInfo",
+        ServerReflectionRequest.SerializeToString,
+        ServerReflectionResponse.FromString,
+    )
+    (answer,) = ask(iter([ServerReflectionRequest(list_services="")]))
     names = {service.name for service in answer.list_services_response.service}
     assert {
-        f"fvs.v1.{kind}Service" for kind in ("Scene", "Image", "Job", "Snapshot", "View", "Capability")
+        *(f"fvs.v1.{kind}Service" for kind in ("Scene", "Image", "Job", "Snapshot", "View", "Capability")),
+        *("grpc.reflection.v1.ServerReflection", "grpc.reflection.v1alpha.ServerReflection"),
     } < names
+    for name in names:
+        (answer,) = ask(iter([ServerReflectionRequest(file_containing_symbol=name)]))
+        found = FileDescriptorProto.FromString(answer.file_descriptor_response.file_descriptor_proto[0])
+        assert name in {f"{found.package}.{service.name}" for service in found.service}
 
 
 def test_calls_are_counted_and_have_the_id_that_was_offered(tenant: Any, gateway: Any) -> None:

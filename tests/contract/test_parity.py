@@ -77,6 +77,13 @@ PLAIN_WORDS = {
 }
 """Enums that the document has as values of a field."""
 
+LARGE = {
+    *(("Event", "number"), ("WatchEventsRequest", "after")),
+    *((kind, at) for kind in ("DownloadArtifactRequest", "DownloadImageRequest") for at in ("start", "stop")),
+    *(("DownloadInfo", "start"), ("DownloadInfo", "stop")),
+}
+"""Numbers of events, which count over all scenes, and positions in files."""
+
 
 @pytest.fixture(scope="module")
 def document(gateway: Any) -> dict[str, Any]:
@@ -200,7 +207,7 @@ def test_every_field_has_the_type_of_its_model(document: dict[str, Any]) -> None
         ("Job.progress", {"type": Field.TYPE_FLOAT}),
         ("Job.eta_s", {"type": Field.TYPE_INT64}),
         ("Job.attempt", {"type": Field.TYPE_DOUBLE}),
-        ("Job.attempt", {"type": Field.TYPE_INT32}),
+        ("Job.attempt", {"type": Field.TYPE_UINT32}),
         ("Job.id", {"type": Field.TYPE_BYTES}),
         ("Job.state", {"type_name": ".fvs.v1.JobKind"}),
         ("Job.state", {"type": Field.TYPE_STRING, "type_name": None}),
@@ -225,6 +232,15 @@ def test_another_type_is_found(document: dict[str, Any], name: str, changed: dic
     pool.Add(changed_file)
     messages = {message_name: pool.FindMessageTypeByName(f"fvs.v1.{message_name}")}
     assert list(other_types(document["components"]["schemas"], messages, PLAIN_WORDS)) == [name]
+
+
+def test_only_bytes_and_numbers_of_events_have_64_bits() -> None:
+    """JSON of protobuf writes these as strings, and others as numbers."""
+    for message in _messages().values():
+        for field in message.fields:
+            if field.cpp_type in (field.CPPTYPE_INT32, field.CPPTYPE_INT64):
+                large = field.name.endswith("_bytes") or (message.name, field.name) in LARGE
+                assert (field.cpp_type == field.CPPTYPE_INT64) == large, f"{message.name}.{field.name}"
 
 
 def test_every_message_has_a_model_or_is_of_grpc(document: dict[str, Any]) -> None:

@@ -14,11 +14,12 @@ Type: TypeAlias = "str | frozenset[Type] | tuple[str, Type]"
 
 _SCALARS = {
     FieldDescriptor.TYPE_DOUBLE: "number",
+    FieldDescriptor.TYPE_INT32: "integer",
     FieldDescriptor.TYPE_INT64: "integer",
     FieldDescriptor.TYPE_BOOL: "boolean",
     FieldDescriptor.TYPE_STRING: "string",
 }
-"""The only scalars of models: a float is less exact than JSON's number, an int32 too small for sizes."""
+"""The only scalars of models: a float is less exact than JSON's number."""
 _UNIONS = frozenset({"kind", "pose"})
 
 

@@ -20,7 +20,8 @@ from google.protobuf.json_format import MessageToDict
 from google.protobuf.message import Message
 
 _TIMESTAMP, _STRUCT = "google.protobuf.Timestamp", "google.protobuf.Struct"
-_DOUBLE, _INT64 = FieldDescriptor.CPPTYPE_DOUBLE, FieldDescriptor.CPPTYPE_INT64
+_DOUBLE = FieldDescriptor.CPPTYPE_DOUBLE
+_BITS = {FieldDescriptor.CPPTYPE_INT32: 32, FieldDescriptor.CPPTYPE_INT64: 64}
 
 
 def document_of(message: Message) -> Any:
@@ -118,10 +119,10 @@ def _scalar(field: FieldDescriptor, value: Any) -> Any:
         if value not in numbers:
             raise ValueError(f"{field.name}: it is not one of {', '.join(numbers)}")
         return numbers[value]
-    if field.cpp_type == _INT64:
+    if (bits := _BITS.get(field.cpp_type)) is not None:
         value = int(value)
-        if abs(value) >= 2**63:
-            raise ValueError(f"{field.name}: it has more than 64 bits")
+        if abs(value) >= 2 ** (bits - 1):
+            raise ValueError(f"{field.name}: it has more than {bits} bits")
     return float(value) if field.cpp_type == _DOUBLE else value
 
 

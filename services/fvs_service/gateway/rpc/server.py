@@ -6,7 +6,6 @@ import contextlib
 import grpc
 from grpc_health.v1.health_pb2 import DESCRIPTOR as HEALTH
 from grpc_health.v1.health_pb2_grpc import add_HealthServicer_to_server
-from grpc_reflection.v1alpha.reflection import SERVICE_NAME, enable_server_reflection
 
 from fvs_service.errors import UnavailableError
 from fvs_service.gateway.rpc.calls import MAX_CALLS, Gateway
@@ -16,6 +15,7 @@ from fvs_service.gateway.rpc.images import ImageServicer
 from fvs_service.gateway.rpc.jobs import JobServicer
 from fvs_service.gateway.rpc.operations import Servicer, handlers_of
 from fvs_service.gateway.rpc.patience import RequestPatience
+from fvs_service.gateway.rpc.reflection import serve_reflection
 from fvs_service.gateway.rpc.scenes import SceneServicer
 from fvs_service.gateway.rpc.snapshots import SnapshotServicer
 from fvs_service.gateway.rpc.views import ViewServicer
@@ -62,7 +62,7 @@ class RpcServer:
         names = [servicer.service.full_name for servicer in servicers]
         add_HealthServicer_to_server(Health(gateway, names), self._server)
         health = HEALTH.services_by_name["Health"].full_name
-        enable_server_reflection((*names, health, SERVICE_NAME), self._server)
+        serve_reflection((*names, health), self._server)
 
     async def start(self) -> int:
         """Listen; returns the port. Raises ``UnavailableError`` when another program uses it."""
