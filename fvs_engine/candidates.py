@@ -21,6 +21,14 @@ class CandidateStatus(StrEnum):
     """Nothing of the model is in view."""
     LOW_COVERAGE = "low-coverage"
     """The model fills so little of the view that the score describes mostly the empty background."""
+    IN_MATTER = "in-matter"
+    """The camera would be inside a solid part of the model."""
+    TOO_CLOSE = "too-close"
+    """Nearer to matter than the safety distance, or than any photograph was: it would see only blur."""
+    NO_FLY = "no-fly"
+    """In a no-fly zone."""
+    UNREGISTRABLE = "unregistrable"
+    """It shares so little with the images that its photograph could hardly be registered."""
 
 
 @dataclass(frozen=True)
@@ -56,7 +64,8 @@ class RankedCandidate:
     ``rank`` counts from 1; None for candidates that cannot be compared (see ``status``). ``score``: lower
     ranks first; None when it was not scored. ``coverage`` in [0, 1]: None when it was not rendered.
     ``distance``: how far the camera travels, in the caller's unit; None when it is not known.
-    ``estimated``: the score was predicted, not measured.
+    ``estimated``: the score was predicted, not measured. ``chance``: the probability that its photograph is
+    registered; None where that was not computed, or poses are known.
     """
 
     rank: int | None
@@ -66,3 +75,4 @@ class RankedCandidate:
     coverage: float | None
     distance: float | None = None
     estimated: bool = False
+    chance: float | None = None

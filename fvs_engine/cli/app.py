@@ -191,6 +191,22 @@ def rank(
         RankingMethod,
         typer.Option(help="…-fast: only the first K (or 10) scores are exact. …-estimate: none is."),
     ] = "median-frequency",
+    safety: Annotated[
+        float,
+        typer.Option(
+            min=0.0,
+            max=1e9,
+            metavar="LENGTH",
+            help="Least distance from matter, in units of the model.",
+            show_default="half of that from which the nearest photographs saw it",
+        ),
+    ] = 0.0,
+    rank_all: Annotated[
+        bool,
+        typer.Option(
+            "--all", help="Rank also candidates in matter, too close to it, or unlikely to be registered."
+        ),
+    ] = False,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR2", help="Where the results go.", show_default="DIR/ranking"),
@@ -200,6 +216,7 @@ def rank(
     """Rank candidate poses: the lowest median frequency first.
 
     Without --candidates: the held-out views, and poses halfway between neighbouring training views.
+    A candidate in matter, too close to it or unlikely to be registered gets no rank (see status).
     Writes ranking.json (all candidates) and contact_sheet.png (the first K, or 12; at most 48).
     """
     from fvs_engine.cli import report
@@ -210,7 +227,15 @@ def rank(
         from fvs_engine.pipeline.rank import rank_candidates
 
         return rank_candidates(
-            folder, candidates, out=out, top=top, method=method, backend=run.backend, monitor=monitor
+            folder,
+            candidates,
+            out=out,
+            top=top,
+            method=method,
+            safety=safety,
+            rank_all=rank_all,
+            backend=run.backend,
+            monitor=monitor,
         )
 
     report.show_ranking(*run_job(job, machine=run.as_json), top=top, machine=run.as_json)

@@ -62,8 +62,8 @@ def show_ranking(ranking: "Ranking", folder: Path, *, top: int | None, machine: 
         with _stdout() as stdout:
             stdout.write(json.dumps({**document, "folder": str(folder)}) + "\n")
         return
-    table = Table("rank", "id", "score", "coverage", "status", box=None, header_style="bold")
-    for column in (0, 2, 3):
+    table = Table("rank", "id", "score", "coverage", "chance", "status", box=None, header_style="bold")
+    for column in (0, 2, 3, 4):
         table.columns[column].justify = "right"
     for candidate in shown:
         table.add_row(
@@ -71,6 +71,7 @@ def show_ranking(ranking: "Ranking", folder: Path, *, top: int | None, machine: 
             Text(candidate.name),
             "" if candidate.score is None else f"{'≈ ' * candidate.estimated}{candidate.score:.3f}",
             "" if candidate.coverage is None else f"{candidate.coverage:.0%}",
+            "" if candidate.chance is None else f"{candidate.chance:.0%}",
             candidate.status.value,
         )
     with _stdout() as stdout:

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError
@@ -9,6 +10,8 @@ from fvs_engine.geometry import PinholeCamera
 from fvs_engine.pipeline.manifest import Manifest, TrainingRecord
 from fvs_engine.pipeline.views import model_views, read_undistorted, usual_camera
 from fvs_engine.pipeline.workspace import Workspace
+from fvs_engine.plan.familiarity import Observations
+from fvs_engine.scene.observations import read_observations
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import read_ply
 from fvs_engine.views import PinholeView
@@ -38,6 +41,14 @@ class TrainedModel:
     def held_out_views(self) -> tuple[PinholeView, ...]:
         """The views that were not trained on."""
         return tuple(view for view in self.views if view.name in self.training.test_views)
+
+    @cached_property
+    def observations(self) -> Observations | None:
+        """The sparse points and who saw them; None where the poses of photographs are given."""
+        cameras = self.manifest.cameras
+        if cameras is None or cameras.source != "photographs":
+            return None
+        return read_observations(self.workspace.undistorted / "sparse")
 
     @property
     def camera(self) -> PinholeCamera:

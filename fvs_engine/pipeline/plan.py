@@ -35,7 +35,6 @@ from fvs_engine.plan.tours import Budget
 from fvs_engine.plan.volumes import AnyVolume, volume_from_json
 from fvs_engine.records import Record
 from fvs_engine.scene.matter import matter_of
-from fvs_engine.scene.observations import read_observations
 from fvs_engine.score.appearance import with_appearance
 from fvs_engine.views import PinholeView
 
@@ -128,8 +127,7 @@ def plan_next_views(
         served = (*model.views, *(view for view in later if view not in model.views))
     if not all(np.isfinite(start).all() for start in starts):
         raise InvalidInputError("A start must be three finite numbers.", hint="Give --start X,Y,Z.")
-    observations = read_observations(model.workspace.undistorted / "sparse") if _estimated(model) else None
-    targets = Targets(model.training_views, later, served, observations, monitor=monitor)
+    targets = Targets(model.training_views, later, served, model.observations, monitor=monitor)
     legs = free_legs(targets.centres, np.stack(places), space) if space is not None else None
     plan = with_appearance(
         make_plan(targets, budget, places, _seen(model, targets.spread), legs, monitor),
@@ -177,11 +175,6 @@ def _up(model: TrainedModel) -> NDArray[np.float64]:
     """The direction [3] that is up in most photographs."""
     rotations = np.stack([view.camera_from_model.rotation for view in model.training_views])
     return np.asarray(-rotations[:, 1].mean(axis=0))
-
-
-def _estimated(model: TrainedModel) -> bool:
-    """Whether a new photograph has to be registered, as those of the model were."""
-    return model.manifest.cameras is not None and model.manifest.cameras.source == "photographs"
 
 
 def _seen(model: TrainedModel, scale: float) -> list[Seen]:

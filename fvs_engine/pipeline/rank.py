@@ -1,5 +1,6 @@
 """Ranking of candidate views by a trained model."""
 
+import logging
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
@@ -15,12 +16,18 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import candidates_of
 from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet
 from fvs_engine.pipeline.model import open_model
+from fvs_engine.plan.clearance import FreeSpace
+from fvs_engine.plan.registrable import ELSEWHERE, NEARER, few_registrable, none_feasible
 from fvs_engine.records import Record
+from fvs_engine.scene.matter import matter_of
 from fvs_engine.score import MedianFrequency, MedianFrequencyEstimate, MedianFrequencyFast, Scorer, rank
+from fvs_engine.score.feasibility import FeasibilityCheck
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.splat.render import render_color
 from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.views import PinholeView
+
+_log = logging.getLogger(__name__)
 
 SHEET_CANDIDATES = 12
 """Number of candidates on the contact sheet by default."""
@@ -56,12 +63,16 @@ def rank_candidates(
     out: Path | None = None,
     top: int | None = None,
     method: RankingMethod = "median-frequency",
+    safety: float = 0.0,
+    rank_all: bool = False,
     backend: str = "auto",
     monitor: Monitor | None = None,
 ) -> tuple[Ranking, Path]:
     """Rank the candidates of a file by the model in ``root``; write ranking.json and contact_sheet.png.
 
     Without a file the held-out views and poses halfway between neighbouring training views are ranked.
+    Those in matter, too close to it or unlikely to be registered get no rank, but with ``rank_all``: see
+    ``FeasibilityCheck``. ``safety`` is the least distance from matter, in units of the model.
     The contact sheet shows the first ``top``, at most ``MOST_ON_SHEET``; so many are exact by the ``method``
     ``median-frequency-fast``. Returns the ranking and the folder
     written: ``out``, or ``ranking/`` in ``root``. Raises ``InvalidInputError`` for a file that cannot be
@@ -73,8 +84,20 @@ def rank_candidates(
     rasterizer = create_rasterizer(backend, monitor)
     gaussians = model.gaussians.to(rasterizer.device)
     scorer = _scorer(method, top)
+    check = FeasibilityCheck(model.gaussians, model.training_views, model.observations)
+    assessment = check.assess(
+        candidates, FreeSpace(matter_of(model.gaussians), safety, monitor=monitor), monitor
+    )
+    scored = candidates if rank_all else assessment.feasible(candidates)
     with torch_threads_for(rasterizer.device):
-        ranked = rank(scorer.score(gaussians, candidates, rasterizer, monitor=monitor))
+        scores = scorer.score(gaussians, scored, rasterizer, monitor=monitor) if scored else ()
+    ranked = assessment.complete(rank(scores))
+    for message, hint in (
+        (few_registrable(assessment.registrable, len(candidates)), NEARER),
+        (none_feasible(item.status for item in ranked), ELSEWHERE),
+    ):
+        if message is not None:
+            _log.warning("%s %s", message, hint)
     by_name = {candidate.name: candidate for candidate in candidates}
     ranking = Ranking(
         method=scorer.name,

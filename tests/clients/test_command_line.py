@@ -41,7 +41,7 @@ def test_the_way_from_photographs_to_a_ranking(
         "rank", name, "--count", "5", "--top", "2", "--renders", tmp_path / "views"
     ).stdout.splitlines()
     assert len(ranked) == 5
-    assert ranked[0].split() == ["rank", "id", "score", "coverage", "distance", "status", "pose"]
+    assert ranked[0].split() == ["rank", "id", "score", "coverage", "chance", "distance", "status", "pose"]
     assert [line.split()[0] for line in ranked[1:3]] == ["1", "2"]
     assert "3 more; by median-frequency" in ranked[-2]
     assert ranked[-1] == f"2 renders and spectra are in {tmp_path / 'views'}"
@@ -134,8 +134,6 @@ def test_candidates_of_a_volume_are_ranked(run: Run, gateway: Any, scene_id: str
     assert document["request"]["safety_m"] == 0.2
     run(*given, "--aim", "nearest")
     assert "need a --volume" in run("rank", scene_id, "--aim", "nearest", expect=2).stderr
-    assert "need a --volume" in run("rank", scene_id, "--safety", 1, expect=2).stderr
-    assert "need a --volume" in run("rank", scene_id, "--no-fly", zone, expect=2).stderr
     assert "not both" in run(*given, "--generator", "grid", expect=2).stderr
     assert "safety distance" in run(*given, "--safety", 1e5, expect=3).stderr
 

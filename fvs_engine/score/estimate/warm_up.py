@@ -5,6 +5,7 @@ from collections.abc import Callable
 import torch
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.score.estimate.nearness import Nearness
 from fvs_engine.score.estimate.splat_table import SplatTable
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.views import PinholeView
@@ -21,7 +22,9 @@ def _estimate() -> None:
         sh_rest=torch.zeros(8, 0, 3),
     )
     camera = PinholeCamera(32, 24, 30.0, 30.0, 16.0, 12.0)
-    SplatTable.of(gaussians).estimate(PinholeView("view", camera, RigidTransform.identity()))
+    view = PinholeView("view", camera, RigidTransform.identity())
+    SplatTable.of(gaussians).estimate(view)
+    Nearness.of(gaussians, [view]).shares(view)
 
 
 STEPS: tuple[Callable[[], None], ...] = (_estimate,)

@@ -34,6 +34,10 @@ class CandidateStatus(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     CANDIDATE_STATUS_OUT_OF_MODEL: _ClassVar[CandidateStatus]
     CANDIDATE_STATUS_LOW_COVERAGE: _ClassVar[CandidateStatus]
     CANDIDATE_STATUS_TAKEN: _ClassVar[CandidateStatus]
+    CANDIDATE_STATUS_IN_MATTER: _ClassVar[CandidateStatus]
+    CANDIDATE_STATUS_TOO_CLOSE: _ClassVar[CandidateStatus]
+    CANDIDATE_STATUS_NO_FLY: _ClassVar[CandidateStatus]
+    CANDIDATE_STATUS_UNREGISTRABLE: _ClassVar[CandidateStatus]
 
 class GridLook(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -57,6 +61,7 @@ class RankingWarningCode(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     RANKING_WARNING_CODE_UNREACHABLE: _ClassVar[RankingWarningCode]
     RANKING_WARNING_CODE_SAME_POSE: _ClassVar[RankingWarningCode]
     RANKING_WARNING_CODE_NOTHING_IN_VIEW: _ClassVar[RankingWarningCode]
+    RANKING_WARNING_CODE_NONE_FEASIBLE: _ClassVar[RankingWarningCode]
 
 class MissionFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -107,6 +112,10 @@ CANDIDATE_STATUS_OUT_OF_RANGE: CandidateStatus
 CANDIDATE_STATUS_OUT_OF_MODEL: CandidateStatus
 CANDIDATE_STATUS_LOW_COVERAGE: CandidateStatus
 CANDIDATE_STATUS_TAKEN: CandidateStatus
+CANDIDATE_STATUS_IN_MATTER: CandidateStatus
+CANDIDATE_STATUS_TOO_CLOSE: CandidateStatus
+CANDIDATE_STATUS_NO_FLY: CandidateStatus
+CANDIDATE_STATUS_UNREGISTRABLE: CandidateStatus
 GRID_LOOK_UNSPECIFIED: GridLook
 GRID_LOOK_CENTRE: GridLook
 GRID_LOOK_DOWN: GridLook
@@ -121,6 +130,7 @@ RANKING_WARNING_CODE_VEHICLE_GROUNDED: RankingWarningCode
 RANKING_WARNING_CODE_UNREACHABLE: RankingWarningCode
 RANKING_WARNING_CODE_SAME_POSE: RankingWarningCode
 RANKING_WARNING_CODE_NOTHING_IN_VIEW: RankingWarningCode
+RANKING_WARNING_CODE_NONE_FEASIBLE: RankingWarningCode
 MISSION_FORMAT_UNSPECIFIED: MissionFormat
 MISSION_FORMAT_QGC_PLAN: MissionFormat
 MISSION_FORMAT_QGC_WPL: MissionFormat
@@ -505,7 +515,7 @@ class Generator(_message.Message):
     def __init__(self, orbit: _Optional[_Union[Orbit, _Mapping]] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., dataset: _Optional[_Union[Dataset, _Mapping]] = ..., around_current: _Optional[_Union[AroundCurrent, _Mapping]] = ..., in_volume: _Optional[_Union[InVolume, _Mapping]] = ...) -> None: ...
 
 class RankingRequest(_message.Message):
-    __slots__ = ("candidates", "generator", "current_pose", "radius_m", "frame", "top_k", "method", "snapshot_id", "budget", "seed", "for_vehicle", "safety_m", "no_fly")
+    __slots__ = ("candidates", "generator", "current_pose", "radius_m", "frame", "top_k", "method", "snapshot_id", "budget", "seed", "for_vehicle", "safety_m", "no_fly", "rank_all")
     CANDIDATES_FIELD_NUMBER: _ClassVar[int]
     GENERATOR_FIELD_NUMBER: _ClassVar[int]
     CURRENT_POSE_FIELD_NUMBER: _ClassVar[int]
@@ -519,6 +529,7 @@ class RankingRequest(_message.Message):
     FOR_VEHICLE_FIELD_NUMBER: _ClassVar[int]
     SAFETY_M_FIELD_NUMBER: _ClassVar[int]
     NO_FLY_FIELD_NUMBER: _ClassVar[int]
+    RANK_ALL_FIELD_NUMBER: _ClassVar[int]
     candidates: CandidateList
     generator: Generator
     current_pose: _poses_pb2.Pose
@@ -532,7 +543,8 @@ class RankingRequest(_message.Message):
     for_vehicle: str
     safety_m: float
     no_fly: _containers.RepeatedCompositeFieldContainer[Volume]
-    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., current_pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., radius_m: _Optional[float] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., top_k: _Optional[int] = ..., method: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., budget: _Optional[int] = ..., seed: _Optional[int] = ..., for_vehicle: _Optional[str] = ..., safety_m: _Optional[float] = ..., no_fly: _Optional[_Iterable[_Union[Volume, _Mapping]]] = ...) -> None: ...
+    rank_all: bool
+    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., current_pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., radius_m: _Optional[float] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., top_k: _Optional[int] = ..., method: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., budget: _Optional[int] = ..., seed: _Optional[int] = ..., for_vehicle: _Optional[str] = ..., safety_m: _Optional[float] = ..., no_fly: _Optional[_Iterable[_Union[Volume, _Mapping]]] = ..., rank_all: _Optional[bool] = ...) -> None: ...
 
 class ScoredCandidate(_message.Message):
     __slots__ = ("id", "score", "status", "coverage", "distance_m", "pose", "estimated")
@@ -553,7 +565,7 @@ class ScoredCandidate(_message.Message):
     def __init__(self, id: _Optional[str] = ..., score: _Optional[float] = ..., status: _Optional[_Union[CandidateStatus, str]] = ..., coverage: _Optional[float] = ..., distance_m: _Optional[float] = ..., pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., estimated: _Optional[bool] = ...) -> None: ...
 
 class RankedCandidate(_message.Message):
-    __slots__ = ("id", "rank", "score", "status", "coverage", "distance_m", "pose", "estimated")
+    __slots__ = ("id", "rank", "score", "status", "coverage", "distance_m", "pose", "estimated", "chance")
     ID_FIELD_NUMBER: _ClassVar[int]
     RANK_FIELD_NUMBER: _ClassVar[int]
     SCORE_FIELD_NUMBER: _ClassVar[int]
@@ -562,6 +574,7 @@ class RankedCandidate(_message.Message):
     DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
     POSE_FIELD_NUMBER: _ClassVar[int]
     ESTIMATED_FIELD_NUMBER: _ClassVar[int]
+    CHANCE_FIELD_NUMBER: _ClassVar[int]
     id: str
     rank: int
     score: float
@@ -570,7 +583,8 @@ class RankedCandidate(_message.Message):
     distance_m: float
     pose: _poses_pb2.Pose
     estimated: bool
-    def __init__(self, id: _Optional[str] = ..., rank: _Optional[int] = ..., score: _Optional[float] = ..., status: _Optional[_Union[CandidateStatus, str]] = ..., coverage: _Optional[float] = ..., distance_m: _Optional[float] = ..., pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., estimated: _Optional[bool] = ...) -> None: ...
+    chance: float
+    def __init__(self, id: _Optional[str] = ..., rank: _Optional[int] = ..., score: _Optional[float] = ..., status: _Optional[_Union[CandidateStatus, str]] = ..., coverage: _Optional[float] = ..., distance_m: _Optional[float] = ..., pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., estimated: _Optional[bool] = ..., chance: _Optional[float] = ...) -> None: ...
 
 class RankingWarning(_message.Message):
     __slots__ = ("code", "message", "hint")

@@ -25,14 +25,6 @@ _FEW_CANDIDATES = 100
 _MOST_ZONES = 20
 
 _GIVEN: JsonDict = {"not": {"type": "null"}}
-_KEPT_CLEAR: tuple[JsonDict, ...] = (
-    {"required": ["safety_m"], "properties": {"safety_m": _GIVEN}},
-    {"required": ["no_fly"], "properties": {"no_fly": {"minItems": 1}}},
-)
-_OF_A_VOLUME: JsonDict = {
-    "required": ["generator"],
-    "properties": {"generator": {"required": ["kind"], "properties": {"kind": {"const": "in-volume"}}}},
-}
 
 
 class CandidateRequest(Model):
@@ -117,7 +109,6 @@ class RankingRequest(Model):
             "anyOf": [{"properties": {one: {"type": "null"}}} for one in ("candidates", "generator")],
             "if": {"required": ["radius_m"], "properties": {"radius_m": _GIVEN}},
             "then": {"required": ["current_pose"], "properties": {"current_pose": _GIVEN}},
-            "allOf": [{"if": kept_clear, "then": _OF_A_VOLUME} for kept_clear in _KEPT_CLEAR],
             "examples": [
                 {"generator": {"kind": "orbit", "count": 24}, "top_k": 5},
                 {
@@ -164,10 +155,13 @@ class RankingRequest(Model):
     radius_m: Length | None = None
     """Exclude candidates that are farther from the current pose."""
     safety_m: SafetyDistance | None = None
-    """Candidates of a volume keep so far from matter, which the model's opaque Gaussians show; by default
-    they are outside it."""
+    """The least distance of candidates from matter, which the opaque Gaussians of the model show. Without it,
+    half the distance from which the nearest photographs saw it."""
     no_fly: Zones = ()
-    """Volumes of the world frame that candidates of a volume stay out of, at most 20."""
+    """Volumes of the world frame that candidates stay out of, at most 20."""
+    rank_all: bool = False
+    """Rank candidates also where something is against them, which stays their status: `in-matter`,
+    `too-close`, `no-fly` or `unregistrable`."""
     frame: PoseFrame | None = None
     """The frame of the poses in the answer. Defaults to the frame of the candidates, else of the
     current pose, else to geodetic poses in a georeferenced scene and the world frame in others."""
@@ -190,8 +184,6 @@ class RankingRequest(Model):
             raise ValueError("radius_m needs a current_pose to be measured from")
         if isinstance(self.generator, AroundCurrent) and self.radius_m is None:
             raise ValueError("around-current needs current_pose and radius_m")
-        if (self.safety_m is not None or self.no_fly) and not isinstance(self.generator, InVolume):
-            raise ValueError("safety_m and no_fly are for candidates of the generator in-volume")
         seen: set[str] = set()
         for candidate in self.candidates or ():
             if candidate.id in seen:
@@ -203,7 +195,7 @@ class RankingRequest(Model):
     def in_model(self) -> bool:
         """Whether all its poses are given, and come back, in the model frame."""
         poses = (*(candidate.pose for candidate in self.candidates or ()), self.current_pose)
-        given = self.candidates is not None and self.frame in (None, "model")
+        given = self.candidates is not None and not self.no_fly and self.frame in (None, "model")
         return given and all(
             pose is None or (isinstance(pose, FramePose) and pose.frame == "model") for pose in poses
         )
@@ -249,6 +241,8 @@ class RankedCandidate(ScoredCandidate):
     """One candidate of a ranking; `rank` is null when it cannot be compared (see `status`)."""
 
     rank: Count | None
+    chance: Number | None = None
+    """The probability that its photograph is registered; null where poses need no registration."""
 
     @classmethod
     def ranked(cls, candidate: engine.RankedCandidate, pose: Pose) -> Self:
@@ -261,6 +255,7 @@ class RankedCandidate(ScoredCandidate):
             coverage=candidate.coverage,
             estimated=candidate.estimated,
             distance_m=candidate.distance,
+            chance=candidate.chance,
             pose=pose,
         )
 

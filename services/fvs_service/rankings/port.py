@@ -39,12 +39,20 @@ class ModelRequest(Record):
     timeout_s: float = 60.0
 
 
+class Clearance(Record):
+    """Constraints of vehicles, in the model frame: ``safety``, their distance from matter, and ``no_fly``."""
+
+    safety: float = 0.0
+    no_fly: tuple[Volume, ...] = ()
+
+
 class RankViews(ModelRequest):
     """Rank ``views``, named by candidate id, of one camera, by ``method`` with the model of a scene.
 
-    ``distances`` (by id, in metres) break ties. ``budget`` is how many photographs are still to be taken.
-    ``taken`` are views that count as visited, though they have no image yet. When ``streamed``, scores are
-    sent before the result.
+    Views that are not feasible (``fvs_engine.score.feasibility``), or not clear by ``clearance``, are ranked
+    only with ``rank_all``. ``distances`` (by id, in metres) break ties. ``budget`` is how many photographs
+    are still to be taken. ``taken`` are views that count as visited, though they have no image yet. When
+    ``streamed``, scores are sent before the result.
 
     For methods that plan: ``here`` is where the camera is, ``reach`` the length of a step (None: any), both
     in the model frame, and ``later`` are views that are out of reach now.
@@ -53,6 +61,8 @@ class RankViews(ModelRequest):
     kind: Literal["rank"] = "rank"
     method: str
     views: PackedViews
+    clearance: Clearance = Clearance()
+    rank_all: bool = False
     distances: Mapping[str, float] = {}
     taken: PackedViews = ()
     later: PackedViews = ()
@@ -67,8 +77,8 @@ class RankedViews(Record):
     """All candidates in order, and the model that scored them: that of a snapshot, after ``iterations``.
 
     ``fallback`` names the rule that ordered candidates when the method could not, else None. ``registrable``:
-    how many are likely to be registered (None: the method does not compute it). ``seconds`` is the time of
-    scoring, ``waited_s`` that in the runner's queue.
+    how many are likely to be registered (None: nothing to register with). ``seconds`` is the time of scoring,
+    ``waited_s`` that in the runner's queue.
     """
 
     snapshot_id: str
@@ -116,13 +126,6 @@ class ViewsInVolume(Record):
     up: tuple[float, float, float]
     aim: Literal["middle", "nearest"] | tuple[float, float, float] = "middle"
     level: bool = False
-
-
-class Clearance(Record):
-    """Constraints of vehicles, in the model frame: ``safety``, their distance from matter, and ``no_fly``."""
-
-    safety: float = 0.0
-    no_fly: tuple[Volume, ...] = ()
 
 
 class GenerateViews(ModelRequest):

@@ -107,6 +107,8 @@ class BegunRanking:
             timeout_s=max(0.0, self.timeout_s - spent_s),
             method=request.method,
             views=frame.views(scored, self.camera),
+            clearance=clearance(request.safety_m, request.no_fly, frame),
+            rank_all=request.rank_all,
             distances={name: distances[name] for name in scored if name in distances},
             taken=frame.views(self.taken, self.camera),
             later=frame.views(later, self.camera),

@@ -236,6 +236,7 @@ class Rankings:
                 in_model=request.in_model,
                 candidates=len(result.candidates),
                 registrable=result.registrable,
+                statuses=[one.status for one in result.candidates],
             ),
             created_at=now(),
         )

@@ -1,10 +1,11 @@
 """Warnings on a ranking: what limits its use, and the remedy."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from enum import StrEnum
 
+from fvs_engine.candidates import CandidateStatus
 from fvs_engine.plan.plan_records import PlanWarning
-from fvs_engine.plan.registrable import NEARER, few_registrable
+from fvs_engine.plan.registrable import ELSEWHERE, NEARER, few_registrable, none_feasible
 from fvs_service.model import Model
 from fvs_service.scenes.model import Alignment, AlignmentStatus
 
@@ -18,6 +19,8 @@ class RankingWarningCode(StrEnum):
     """The positions of the images contradict the model: the world frame is the model's."""
     FEW_REGISTRABLE = "few-registrable"
     """Hardly any candidate sees enough of what the images show to be registered."""
+    NONE_FEASIBLE = "none-feasible"
+    """No candidate has a rank: all are in matter, too close to it, or unlikely to be registered."""
     VEHICLE_GROUNDED = "vehicle-grounded"
     """A vehicle of a plan gets no tour, because it cannot fly to any candidate."""
     UNREACHABLE = "unreachable"
@@ -61,12 +64,14 @@ def warnings_of(
     in_model: bool,
     candidates: int,
     registrable: int | None,
+    statuses: Iterable[CandidateStatus] = (),
     of_plan: Sequence[PlanWarning] = (),
 ) -> tuple[RankingWarning, ...]:
     """The warnings on a ranking or a plan with this alignment.
 
     ``in_model``: all its poses are in the model frame. ``registrable`` of its ``candidates`` are likely to be
-    registered (None: that is not known). ``of_plan``: the engine's warnings on a plan.
+    registered (None: that is not known). ``statuses``: those of a ranking's candidates.
+    ``of_plan``: the engine's warnings on a plan.
     """
     found = []
     if alignment.status is AlignmentStatus.ILL_CONDITIONED and not in_model:
@@ -77,6 +82,10 @@ def warnings_of(
     if few is not None:
         code = RankingWarningCode.FEW_REGISTRABLE
         found.append(RankingWarning(code=code, message=few, hint=NEARER))
+    none = none_feasible(statuses)
+    if none is not None:
+        code = RankingWarningCode.NONE_FEASIBLE
+        found.append(RankingWarning(code=code, message=none, hint=ELSEWHERE))
     found += [
         RankingWarning(code=RankingWarningCode(warning.code), message=warning.message, hint=warning.hint)
         for warning in of_plan

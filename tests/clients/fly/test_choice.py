@@ -36,12 +36,12 @@ def asked(generator: Any) -> list[dict[str, Any]]:
 def test_candidates_of_a_volume_keep_the_safety_distance_and_stay_the_same() -> None:
     first, second = asked(VOLUME)
     assert (first["generator"], first["safety_m"], first["candidates"]) == (VOLUME, 2.0, None)
-    assert (second["generator"], second["safety_m"]) == (None, None)
+    assert (second["generator"], second["safety_m"]) == (None, 2.0)
     assert [candidate.id for candidate in second["candidates"]] == ["a"]
 
 
-def test_other_candidates_have_no_safety_distance() -> None:
-    assert asked(Orbit(count=4))[0]["safety_m"] is None
+def test_other_candidates_keep_the_safety_distance_as_well() -> None:
+    assert asked(Orbit(count=4))[0]["safety_m"] == 2.0
 
 
 @pytest.mark.parametrize(

@@ -59,7 +59,9 @@ def state(*steps: float, seen: bool = True) -> ModelState:
     return ModelState("snapshot", gaussians, 0, cameras, 7, lambda: observations)
 
 
-def ranked(of: ModelState, method: str, here: float, reach: float | None, budget: int) -> RankedViews:
+def ranked(
+    of: ModelState, method: str, here: float, reach: float | None, budget: int, *, rank_all: bool = False
+) -> RankedViews:
     """Rank the ring's candidates in reach of a place on it."""
     views = {number: PinholeView(f"{number:02d}", CAMERA, at(number).inverse()) for number in range(RING)}
     place = at(here).translation
@@ -75,6 +77,7 @@ def ranked(of: ModelState, method: str, here: float, reach: float | None, budget
         here=tuple(place.tolist()),
         reach=reach,
         budget=budget,
+        rank_all=rank_all,
     )
     return rank_views(request, of, create_rasterizer("cpu"), Monitor())
 
@@ -105,18 +108,25 @@ def test_kriging_keeps_to_what_can_be_registered() -> None:
 
 
 def test_where_nothing_in_range_can_be_registered_kriging_goes_back() -> None:
-    found = ranks(ranked(state(0, 1, 2, 3, seen=False), "kriging", here=7.0, reach=2.2, budget=4))
+    known = state(0, 1, 2, 3, seen=False)
+    found = ranks(ranked(known, "kriging", here=7.0, reach=2.2, budget=4, rank_all=True))
     assert set(found) == {f"{number:02d}" for number in range(5, 10)}
     assert (found["05"], found["06"]) == (1, 2)
 
 
-def test_how_many_can_be_registered_is_told_where_the_method_asks() -> None:
+def test_how_many_can_be_registered_is_told_and_those_that_cannot_have_no_rank() -> None:
     known = state(0, 1, 2, 3, seen=False)
     beyond = ranked(known, "kriging", here=9.0, reach=2.2, budget=4)
     assert (len(beyond.candidates), beyond.registrable) == (5, 0)
     beside = ranked(known, "kriging", here=4.0, reach=2.2, budget=4)
     assert 0 < (beside.registrable or 0) < len(beside.candidates)
-    assert ranked(known, "nearest", here=4.0, reach=2.2, budget=4).registrable is None
+    for method in ("kriging", "nearest"):
+        found = ranked(known, method, here=7.0, reach=2.2, budget=4)
+        assert [(one.rank, one.status) for one in found.candidates] == [(None, "unregistrable")] * 5
+        assert all((one.chance or 0.0) < 0.1 for one in found.candidates)
+        all_of_them = ranked(known, method, here=7.0, reach=2.2, budget=4, rank_all=True)
+        assert [one.rank for one in all_of_them.candidates] == [1, 2, 3, 4, 5]
+        assert {one.status for one in all_of_them.candidates} == {"unregistrable"}
 
 
 def test_nearest_is_near_the_vehicle() -> None:

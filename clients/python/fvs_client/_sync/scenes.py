@@ -101,6 +101,7 @@ class Scene(Resource, SceneData):
         radius_m: float | None = None,
         safety_m: float | None = None,
         no_fly: Iterable[Volume] | None = None,
+        rank_all: bool = False,
         frame: PoseFrame | None = None,
         top_k: int | None = None,
         method: str = "median-frequency",
@@ -116,10 +117,11 @@ class Scene(Resource, SceneData):
 
         ``candidates`` are poses by candidate id, or made by a ``generator``, by default an orbit. ``frame``
         is that of the ranking's poses, by default that of the candidates. With ``radius_m``, only candidates
-        within that distance of ``current_pose`` are ranked. Those of an ``InVolume`` are farther than
-        ``safety_m`` from the model's matter, and out of the volumes ``no_fly``. ``for_vehicle`` is the name
-        of the requesting vehicle in its visits. ``on_scored`` gets candidates as they are scored; raise in it
-        to end the ranking. Raises ``NoSnapshotError`` when the scene has no model, ``DeadlineExceededError``
+        within that distance of ``current_pose`` are ranked. Those nearer than ``safety_m`` to matter (by
+        default half the distance from which the nearest photographs saw it), in one of the volumes ``no_fly``
+        or unlikely to be registered have no rank, but with ``rank_all``. ``for_vehicle`` is the name of the
+        requesting vehicle in its visits. ``on_scored`` gets candidates as they are scored; raise in it to end
+        the ranking. Raises ``NoSnapshotError`` when the scene has no model, ``DeadlineExceededError``
         when the ranking takes longer than ``timeout_s``.
         """
         ranking = RankingRequest(
@@ -129,6 +131,7 @@ class Scene(Resource, SceneData):
             radius_m=radius_m,
             safety_m=safety_m,
             no_fly=None if no_fly is None else tuple(no_fly),
+            rank_all=rank_all,
             frame=frame,
             top_k=top_k,
             method=method,

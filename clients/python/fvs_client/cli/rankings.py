@@ -55,10 +55,17 @@ def rank(
             min=0,
             max=2e7,
             metavar="M",
-            help="Minimum distance of candidates of --volume from anything in the model.",
+            help="Least distance from anything in the model.",
+            show_default="half of that from which the nearest photographs saw it",
         ),
     ] = None,
     no_fly: NoFlyOption = None,
+    rank_all: Annotated[
+        bool,
+        typer.Option(
+            "--all", help="Rank also candidates in matter, too close to it, or unlikely to be registered."
+        ),
+    ] = False,
     method: Annotated[str, typer.Option(help="Method of ranking; `fvs-client status` lists all.")] = (
         "median-frequency"
     ),
@@ -102,8 +109,6 @@ def rank(
     """Rank candidates for the next view, best first."""
     if radius is not None and current is None:
         raise typer.BadParameter("--radius needs --current.")
-    if volume is None and (safety is not None or no_fly):
-        raise typer.BadParameter("--safety and --no-fly need a --volume: they keep its candidates clear.")
     chosen = generator_asked(candidates, generator, count, volume, aim, level=level)
     listed = read_candidates(candidates)
     current_pose = None if current is None else read_pose(current)
@@ -119,6 +124,7 @@ def rank(
                 radius_m=radius,
                 safety_m=safety,
                 no_fly=[read_volume(path) for path in no_fly] if no_fly else None,
+                rank_all=rank_all,
                 frame=None if frame is None else frame.value,
                 top_k=top,
                 method=method,
@@ -156,20 +162,21 @@ def delete(
 def _print(ranking: Ranking) -> None:
     distance = with_unit("distance", ranking.alignment)
     print_table(
-        ("rank", "id", "score", "coverage", distance, "status", "pose"),
+        ("rank", "id", "score", "coverage", "chance", distance, "status", "pose"),
         [
             (
                 "" if item.rank is None else str(item.rank),
                 item.id,
                 "" if item.score is None else f"{'≈ ' * item.estimated}{item.score:.4g}",
                 "" if item.coverage is None else f"{item.coverage:.0%}",
+                "" if item.chance is None else f"{item.chance:.0%}",
                 "" if item.distance_m is None else f"{item.distance_m:.2f}",
                 item.status.value,
                 pose_text(item.pose),
             )
             for item in ranking.candidates
         ],
-        right_aligned=("rank", "score", "coverage", distance),
+        right_aligned=("rank", "score", "coverage", "chance", distance),
     )
     more = ranking.total - len(ranking.candidates)
     rest = f"{more} more; " if more > 0 else ""

@@ -26,7 +26,7 @@ from fvs_client.fly.settings import EndedError, Ending, FlightSettings
 from fvs_client.fly.vehicle import Vehicle, VehicleState
 from fvs_client.fly.watch import Watch
 from fvs_client.models.missions import MissionFile, MissionFormat, MissionSettings
-from fvs_client.models.rankings import AroundCurrent, InVolume
+from fvs_client.models.rankings import AroundCurrent
 from fvs_client.models.scenes import Origin
 
 _TAKEN_S = 3_600.0
@@ -219,7 +219,7 @@ class Choice:
             generator=generator,
             current_pose=self._pose(),
             radius_m=settings.radius_m,
-            safety_m=settings.safety_m if isinstance(generator, InVolume) else None,
+            safety_m=settings.safety_m,
             method=settings.method,
             budget=max(1, photographs),
             for_vehicle=settings.vehicle,

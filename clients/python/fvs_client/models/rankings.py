@@ -37,6 +37,14 @@ class CandidateStatus(Word):
     """The view shows nothing of the model."""
     LOW_COVERAGE = "low-coverage"
     """The model fills too little of the view for a meaningful score."""
+    IN_MATTER = "in-matter"
+    """The camera would be inside a solid part of the model."""
+    TOO_CLOSE = "too-close"
+    """Nearer to matter than the safety distance, or than any photograph was: it would see only blur."""
+    NO_FLY = "no-fly"
+    """In a no-fly zone."""
+    UNREGISTRABLE = "unregistrable"
+    """It shares so little with the images that its photograph could hardly be registered."""
 
 
 class Candidate(Input):
@@ -106,9 +114,11 @@ class RankingRequest(Input):
     current_pose: Pose | None = None
     radius_m: float | None = None
     safety_m: float | None = None
-    """Candidates of a volume keep so far from matter; by default they are outside it."""
+    """Least distance from matter; by default half of that from which the nearest photographs saw it."""
     no_fly: tuple[Volume, ...] | None = None
-    """Volumes that candidates of a volume stay out of, at most 20."""
+    """Volumes that candidates stay out of, at most 20."""
+    rank_all: bool = False
+    """Rank candidates also where something is against them (see the statuses)."""
     frame: PoseFrame | None = None
     top_k: int | None = None
     method: str = "median-frequency"
@@ -139,6 +149,8 @@ class RankedCandidate(ScoredCandidate):
     """A candidate of a ranking; `rank` is None for candidates that were not ranked (see `status`)."""
 
     rank: int | None
+    chance: float | None = None
+    """Probability that its photograph is registered; None where poses need no registration."""
 
 
 class RankingWarning(Answer):
@@ -147,6 +159,7 @@ class RankingWarning(Answer):
     code: str
     """`ill-conditioned`: the world frame may be turned about the line of the photographs.
     `few-registrable`: hardly any candidate sees enough of what the images show to be registered.
+    `none-feasible`: all candidates are in matter, too close to it, or unlikely to be registered.
     `positions-unused`: the images' positions contradict the model, so the world frame is the model's.
     Of plans only: `vehicle-grounded`: a vehicle gets no tour, because it cannot fly to any candidate;
     `unreachable`: no way leads to some candidates; `same-pose`: some have the pose of another;

@@ -13,6 +13,7 @@ from fvs_engine.plan.clearance import Matter
 from fvs_engine.plan.familiarity import Observations
 from fvs_engine.scene.matter import matter_of
 from fvs_engine.scene.observations import read_observations
+from fvs_engine.score.feasibility import FeasibilityCheck
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import read_ply
 from fvs_engine.splat.raster import Rasterizer
@@ -34,7 +35,7 @@ class ModelState:
     cameras: SnapshotCameras
     iterations: int
     read_observations: Callable[[], Observations]
-    """Reads the sparse points, which only plans need."""
+    """Reads the sparse points, which rankings and plans need, and renders do not."""
 
     @cached_property
     def visited(self) -> tuple[PinholeView, ...]:
@@ -51,6 +52,11 @@ class ModelState:
     def matter(self) -> Matter:
         """The matter that the Gaussians show."""
         return matter_of(self.gaussians)
+
+    @cached_property
+    def feasibility(self) -> FeasibilityCheck:
+        """Whether candidates can be photographed and registered."""
+        return FeasibilityCheck(self.gaussians, self.visited, self.observations)
 
     @cached_property
     def observations(self) -> Observations:

@@ -7,13 +7,14 @@ import numpy as np
 from PIL import Image
 
 from fvs_engine.monitor import Monitor
+from fvs_engine.plan.clearance import FreeSpace
 from fvs_engine.plan.reach import Reach
 from fvs_engine.score.log_magnitude import log_magnitude
 from fvs_engine.select.interface import SelectionContext, select
 from fvs_engine.select.selectors import create_selector
-from fvs_engine.select.selectors.kriging import Kriging
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.render import render_color, to_pixels
+from fvs_engine.views import PinholeView
 from fvs_service.rankings.port import RankedViews, RankViews, RenderView, ViewImage
 from fvs_service.worker.runner.model_states import ModelState
 
@@ -22,43 +23,48 @@ def rank_views(
     request: RankViews, state: ModelState, rasterizer: Rasterizer, monitor: Monitor
 ) -> RankedViews:
     """Rank the request's views; raises ``InvalidInputError`` for an unknown method, ``Cancelled``."""
-    visited = (*state.visited, *request.taken)
-    names = (*(view.name for view in visited), *sorted(view.name for view in request.views))
-    selector = create_selector(request.method)
-    context = SelectionContext(
-        gaussians=state.gaussians,
-        rasterizer=rasterizer,
-        sh_degree=state.sh_degree,
-        visited=visited,
-        candidates=request.views,
-        order={name: number for number, name in enumerate(names)},
-        budget=len(visited) + request.budget,
-        seed=request.seed,
-        step=0,
-        later=(*request.views, *request.later),
-        reach=None if request.reach is None else Reach(radius=request.reach),
-        observations=state.observations if isinstance(selector, Kriging) else None,
-        here=None if request.here is None else np.array(request.here),
-    )
     started = time.perf_counter()
-    selection = select(context, selector, request.distances, monitor)
+    selector = create_selector(request.method)
+    space = FreeSpace(state.matter, request.clearance.safety, request.clearance.no_fly, monitor=monitor)
+    assessment = state.feasibility.assess(request.views, space, monitor)
+    candidates = request.views if request.rank_all else assessment.feasible(request.views)
+    selection = None
+    if candidates:
+        selection = select(
+            _context(request, candidates, state, rasterizer), selector, request.distances, monitor
+        )
     return RankedViews(
         snapshot_id=state.snapshot_id,
         iterations=state.iterations,
         gaussians=len(state.gaussians),
-        candidates=selection.ranked,
-        fallback=selection.fallback,
-        registrable=_registrable(context) if isinstance(selector, Kriging) else None,
+        candidates=assessment.complete(selection.ranked if selection else (), request.distances),
+        fallback=selection.fallback if selection else None,
+        registrable=assessment.registrable,
         seconds=time.perf_counter() - started,
     )
 
 
-def _registrable(context: SelectionContext) -> int | None:
-    """How many candidates are likely to be registered."""
-    targets = context.planning
-    if targets.likely is None:
-        return None
-    return int(targets.likely[[targets.index[view.name] for view in context.candidates]].sum())
+def _context(
+    request: RankViews, candidates: tuple[PinholeView, ...], state: ModelState, rasterizer: Rasterizer
+) -> SelectionContext:
+    """The input of the method that ranks ``candidates``, those of the request that may be ranked."""
+    visited = (*state.visited, *request.taken)
+    names = (*(view.name for view in visited), *sorted(view.name for view in candidates))
+    return SelectionContext(
+        gaussians=state.gaussians,
+        rasterizer=rasterizer,
+        sh_degree=state.sh_degree,
+        visited=visited,
+        candidates=candidates,
+        order={name: number for number, name in enumerate(names)},
+        budget=len(visited) + request.budget,
+        seed=request.seed,
+        step=0,
+        later=(*candidates, *request.later),
+        reach=None if request.reach is None else Reach(radius=request.reach),
+        observations=state.observations,
+        here=None if request.here is None else np.array(request.here),
+    )
 
 
 def render_view(request: RenderView, state: ModelState, rasterizer: Rasterizer) -> bytes:

@@ -1,0 +1,136 @@
+"""Feasibility of candidates: whether a photograph can be taken there, and registered.
+
+The paper's score looks for blur. A camera inside matter, or much nearer to it than any photograph was, sees
+blur whatever is there; and a photograph that shares nothing with the others improves no model.
+"""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from functools import cached_property
+
+import numpy as np
+import torch
+
+from fvs_engine.candidates import CandidateStatus, RankedCandidate
+from fvs_engine.compilation.ahead import ensure_compiled
+from fvs_engine.monitor import Monitor
+from fvs_engine.plan.clearance import FreeSpace
+from fvs_engine.plan.familiarity import Familiarity, Observations
+from fvs_engine.score.estimate.nearness import Nearness, nearest_photographs
+from fvs_engine.score.parallel import map_in_order
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.views import PinholeView
+
+MOST_NEAR = 0.25
+"""Share of a view that may show the model from nearer than half the distance of the nearest photograph.
+
+On eight scenes at most 0.07 for the poses of photographs, and at least 0.27 for views that are fog
+(``benchmarks/first_views.py``, docs/adr/0049)."""
+LEAST_CHANCE = 0.1
+"""Probability of being registered below which a candidate is not ranked."""
+
+_CPU = torch.device("cpu")
+
+
+@dataclass(frozen=True, eq=False)
+class Assessment:
+    """What is against each candidate, and its probability of being registered, by name.
+
+    ``against`` lacks candidates that are feasible. ``chances`` is empty where poses are known.
+    ``registrable``: how many are likely to be registered (None: poses are known).
+    """
+
+    against: Mapping[str, CandidateStatus]
+    chances: Mapping[str, float]
+    registrable: int | None
+
+    def feasible(self, candidates: Sequence[PinholeView]) -> tuple[PinholeView, ...]:
+        """Those of ``candidates`` that nothing is against."""
+        return tuple(view for view in candidates if view.name not in self.against)
+
+    def complete(
+        self, ranked: Sequence[RankedCandidate], distances: Mapping[str, float] | None = None
+    ) -> tuple[RankedCandidate, ...]:
+        """The ranked candidates, then those that are not, the nearest first; with status and chance of each."""
+        known = distances or {}
+        ranked = [
+            replace(one, status=self.against.get(one.name, one.status)) if one.rank is not None else one
+            for one in ranked
+        ]
+        left = self.against.keys() - {candidate.name for candidate in ranked}
+        rest = (
+            RankedCandidate(None, name, None, self.against[name], None, known.get(name))
+            for name in sorted(left, key=lambda name: (known.get(name, 0.0), name))
+        )
+        return tuple(replace(one, chance=self.chances.get(one.name)) for one in (*ranked, *rest))
+
+
+class FeasibilityCheck:
+    """Assesses candidates by a model, its ``photographs`` and what they saw.
+
+    ``observations`` are the sparse points where poses are estimated (None: poses are known).
+    """
+
+    def __init__(
+        self,
+        gaussians: Gaussians,
+        photographs: Sequence[PinholeView],
+        observations: Observations | None,
+    ) -> None:
+        self._gaussians = gaussians
+        self._photographs = photographs
+        self._observations = observations
+
+    @cached_property
+    def _nearness(self) -> Nearness:
+        return Nearness.of(self._gaussians, self._photographs)
+
+    def assess(
+        self, candidates: Sequence[PinholeView], space: FreeSpace, monitor: Monitor | None = None
+    ) -> Assessment:
+        """Assess ``candidates``; stage ``feasibility``.
+
+        ``space``: its zones are kept out of, and its safety distance, where it is not 0, is kept in any case.
+        By default a candidate is too close where more than ``MOST_NEAR`` of the view shows the model from
+        nearer than half the distance of the nearest photograph. Raises ``Cancelled``.
+        """
+        monitor = monitor or Monitor()
+        ensure_compiled("fvs_engine.score.estimate.warm_up", nearest_photographs, monitor)
+        near, blank = np.zeros(len(candidates), dtype=bool), np.zeros(len(candidates), dtype=bool)
+        nearness = self._nearness
+
+        def shares(view: PinholeView) -> tuple[float, float]:
+            monitor.check()
+            return nearness.shares(view)
+
+        for done, (share, covered) in enumerate(map_in_order(shares, candidates, _CPU)):
+            near[done], blank[done] = share > MOST_NEAR, covered == 0.0
+            monitor.report("feasibility", done + 1, len(candidates))
+        centres = np.array([view.centre for view in candidates]).reshape(-1, 3)
+        if space.safety > 0.0:
+            near |= ~space.clear(centres)
+        inside = np.zeros_like(near)
+        inside[near] = ~space.matter.clear(centres[near], 0.0)
+        forbidden = ~space.allowed(centres)
+        familiarity = None
+        if self._observations is not None and len(self._observations.points):
+            familiarity = Familiarity(self._observations, candidates, monitor)
+        chances = None if familiarity is None else familiarity.probability()
+        against: dict[str, CandidateStatus] = {}
+        for index, view in enumerate(candidates):
+            if forbidden[index]:
+                against[view.name] = CandidateStatus.NO_FLY
+            elif inside[index]:
+                against[view.name] = CandidateStatus.IN_MATTER
+            elif near[index]:
+                against[view.name] = CandidateStatus.TOO_CLOSE
+            elif blank[index]:
+                against[view.name] = CandidateStatus.OUT_OF_MODEL
+            elif chances is not None and chances[index] < LEAST_CHANCE:
+                against[view.name] = CandidateStatus.UNREGISTRABLE
+        names = [view.name for view in candidates]
+        return Assessment(
+            against,
+            {} if chances is None else dict(zip(names, chances.tolist(), strict=True)),
+            None if familiarity is None else int(familiarity.likely.sum()),
+        )
