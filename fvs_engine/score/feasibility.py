@@ -51,7 +51,7 @@ class Assessment:
     def complete(
         self, ranked: Sequence[RankedCandidate], distances: Mapping[str, float] | None = None
     ) -> tuple[RankedCandidate, ...]:
-        """The ranked candidates, then those that are not, the nearest first; with status and chance of each."""
+        """The ranked candidates, then the others, the nearest first; all with status and chance."""
         known = distances or {}
         ranked = [
             replace(one, status=self.against.get(one.name, one.status)) if one.rank is not None else one

@@ -42,7 +42,7 @@ def wall() -> Gaussians:
 
 
 def photographs() -> list[PinholeView]:
-    return [towards(str(number), eye, eye + [0.0, 0.0, 4.0]) for number, eye in enumerate(EYES)]
+    return [towards(str(number), eye, eye + np.array([0.0, 0.0, 4.0])) for number, eye in enumerate(EYES)]
 
 
 def assessed(
