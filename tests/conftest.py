@@ -42,6 +42,7 @@ _PROCESS_FILES = (
     "clients/test_rpc.py",
     "clients/test_secure_service.py",
     "clients/test_command_line.py",
+    "contract/test_access_rule.py",
     "contract/test_released_contract.py",
     "docs/test_code_blocks.py",
     "docs/test_site.py",

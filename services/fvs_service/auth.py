@@ -47,9 +47,23 @@ class ApiKey:
 class Keys:
     """Creates, lists, revokes and checks API keys."""
 
-    def __init__(self, database: Database, *, required: bool) -> None:
+    def __init__(self, database: Database, *, required: bool | None) -> None:
         self._database = database
         self._required = required
+
+    @property
+    def required(self) -> bool:
+        """Whether every request needs a key.
+
+        If the settings leave it open, one does once there is a key, also one that is expired or revoked: the
+        end of the last key must not let everyone in.
+        """
+        if self._required is None:
+            with self._database.reading() as session:
+                if session.scalar(select(ApiKeyRow.id).limit(1)) is None:
+                    return False
+            self._required = True  # keys are never deleted
+        return self._required
 
     def create(
         self,
@@ -103,10 +117,10 @@ class Keys:
     def authenticate(self, key: str | None) -> Principal:
         """The principal of a key; raises ``UnauthenticatedError``.
 
-        Without a key it is the local user, unless keys are required.
+        Without a key it is the local user, unless keys are ``required``.
         """
         if key is None:
-            if self._required:
+            if self.required:
                 raise UnauthenticatedError(
                     "No API key was given.",
                     hint="Set FVS_API_KEY for fvs-client; otherwise send Authorization: Bearer fvs_…",

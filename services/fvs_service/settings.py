@@ -1,6 +1,5 @@
 """The settings of the service: one frozen object."""
 
-import ipaddress
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -15,6 +14,7 @@ from pydantic_settings import (
 from fvs_engine.images.limits import MAX_ASPECT_RATIO, MAX_PIXELS, MAX_SIDE_PX, MIN_SIDE_PX, ImageLimits
 from fvs_engine.records import Record
 from fvs_service.environment import PREFIX, FilesOfEnvironment, UnknownOfEnvironment
+from fvs_service.host_names import host_of, is_loopback
 
 MEGABYTE = 1_000_000
 GIGABYTE = 1_000 * MEGABYTE
@@ -214,7 +214,7 @@ class Settings(BaseSettings):
     """URL of a PostgreSQL database; without it, SQLite in the root."""
     blobs: BlobSettings = BlobSettings()
     host: str = "127.0.0.1"
-    """Address to listen on (``--host``). Addresses other than loopback need API keys."""
+    """Address to listen on (``--host``)."""
     port: int = Field(default=8000, ge=0, le=65_535)
     """Port of HTTP (``--port``); 0 is a free one."""
     rest: bool = True
@@ -223,8 +223,9 @@ class Settings(BaseSettings):
     """Serve gRPC (``--no-grpc``)."""
     grpc_port: int | None = Field(default=None, ge=0, le=65_535)
     """Port of gRPC (``--grpc-port``), by default the one after ``port``; 0 is a free one."""
-    require_keys: bool = False
-    """Require API keys also on loopback."""
+    require_keys: bool | None = None
+    """Whether every request needs an API key. By default it does where ``host`` or one of ``allowed_hosts``
+    is not loopback, and once a key was created. ``false`` serves whoever can reach the service."""
     tls_certificate: FilePath | None = None
     """PEM file with the certificate chain for TLS; needs ``tls_key``."""
     tls_key: FilePath | None = None
@@ -256,7 +257,7 @@ class Settings(BaseSettings):
     drain_s: float = Field(default=10.0, ge=0, le=3600)
     """Time for requests in progress to end when the service stops. Containers must be given 10 s more."""
     allowed_hosts: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_names)] = ()
-    """Host names, besides those of loopback, under which browsers may reach the service."""
+    """Host names, besides those of loopback, under which the service may be reached, as behind a proxy."""
     allowed_origins: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_names)] = ()
     """Web origins, besides the service's own, whose pages may use the service."""
     inspectors: _Processes = 2
@@ -357,16 +358,14 @@ class Settings(BaseSettings):
         return self.port + 1 if 0 < self.port < 65_535 else 0
 
     @property
-    def loopback(self) -> bool:
-        """Whether the gateway can only be reached from this machine."""
-        if self.host == "localhost":
-            return True
-        try:
-            return ipaddress.ip_address(self.host).is_loopback
-        except ValueError:
-            return False
+    def remote_hosts(self) -> tuple[str, ...]:
+        """The address and names, other than those of loopback, under which the service may be reached."""
+        names = tuple(name for name in self.allowed_hosts if not is_loopback(host_of(name)))
+        return names if is_loopback(self.host) else (self.host, *names)
 
     @property
-    def keys_required(self) -> bool:
-        """Whether requests need an API key."""
-        return self.require_keys or not self.loopback
+    def keys_required(self) -> bool | None:
+        """Whether every request needs an API key; None: once there is one."""
+        if self.require_keys is not None:
+            return self.require_keys
+        return True if self.remote_hosts else None

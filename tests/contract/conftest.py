@@ -1,7 +1,9 @@
 """One gateway, which a tenant of each transport calls."""
 
+import contextlib
 from collections.abc import Callable, Iterator
 from dataclasses import replace
+from pathlib import Path
 from typing import Any
 
 import grpc
@@ -71,6 +73,21 @@ def open_rpc(gateway: Any) -> Iterator[Callable[..., tuple[RpcServer, int]]]:
     yield start
     for server in servers:
         gateway.client.portal.call(server.stop, 1.0)
+
+
+@pytest.fixture
+def open_both(tmp_path: Path) -> Iterator[Callable[..., tuple[Any, grpc.Channel]]]:
+    """Open a gateway of one's own, with some settings; returns it and a channel to its gRPC."""
+    with contextlib.ExitStack() as stack:
+
+        def start(**changed: Any) -> tuple[Any, grpc.Channel]:
+            settings = settings_for(tmp_path / "service", {"grpc_port": 0, **changed})
+            gateway = stack.enter_context(running_gateway(settings))
+            server, port = _start(gateway, settings.model_copy(update={"host": "127.0.0.1"}))
+            stack.callback(gateway.client.portal.call, server.stop, 1.0)
+            return gateway, stack.enter_context(grpc.insecure_channel(f"127.0.0.1:{port}"))
+
+        yield start
 
 
 @pytest.fixture(scope="session")

@@ -10,6 +10,7 @@ from typing import Any
 
 import pytest
 from fvs_service.application import open_storage
+from fvs_service.auth import Keys
 from fvs_service.cli.serve import add_commands
 from fvs_service.doctor.deployment import troubles
 from fvs_service.doctor.examination import examine
@@ -278,3 +279,22 @@ def test_a_deployment_whose_storage_is_elsewhere_needs_the_root_named(
     (trouble,) = troubles(dataclasses.replace(storage, settings=elsewhere))
     assert str(tmp_path / "typo") in trouble.what
     assert "--root" in trouble.hint
+
+
+def test_the_doctor_says_who_may_get_in(open_gateway: Callable[..., Any]) -> None:
+    storage = open_gateway().application.storage
+    Heartbeats(storage.database, "worker-0", 20).beat()
+
+    def found(**changed: Any) -> tuple[str, ...]:
+        settings = storage.settings.model_copy(update=changed)
+        keys = Keys(storage.database, required=settings.keys_required)
+        examined = troubles(dataclasses.replace(storage, settings=settings, keys=keys))
+        return tuple(trouble.what for trouble in examined)
+
+    assert found() == found(require_keys=False) == ()
+    (closed,) = found(allowed_hosts=("ground.example",))
+    assert "may reach the service as ground.example, and no key is valid" in closed
+    (open_to_all,) = found(allowed_hosts=("ground.example",), require_keys=False)
+    assert "Whoever reaches the service as ground.example may use it" in open_to_all
+    storage.keys.create("a")
+    assert found(allowed_hosts=("ground.example",)) == found() == ()

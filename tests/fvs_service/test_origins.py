@@ -90,7 +90,9 @@ def test_a_form_cannot_be_json(gateway: Any) -> None:
 def test_other_names_and_origins_can_be_allowed(open_gateway: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setenv("FVS_ALLOWED_HOSTS", "ground.example, Other.Example")
     monkeypatch.setenv("FVS_ALLOWED_ORIGINS", "https://console.example")
-    client = open_gateway().client
+    gateway = open_gateway()
+    client = gateway.client
+    client.headers.update(gateway.key("a"))
     page = {"Origin": "https://console.example", "Sec-Fetch-Site": "cross-site"}
     assert client.get("/v1/scenes", headers={**_host("ground.example:8000"), **page}).status_code == 200
     assert client.get("/v1/scenes", headers=_host("other.example")).status_code == 200

@@ -119,21 +119,38 @@ def _fvs(*arguments: str) -> Result:
     return CliRunner().invoke(app, arguments)
 
 
-def test_others_get_in_only_with_a_key(tmp_path: Path) -> None:
-    refused = _fvs("serve", "--root", str(tmp_path / "service"), "--host", "0.0.0.0")
+@pytest.mark.parametrize(("variable", "host"), [("HOST", "0.0.0.0"), ("ALLOWED_HOSTS", "ground.example")])
+def test_where_others_get_in_a_service_without_a_key_does_not_start(
+    variable: str, host: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setenv(f"FVS_{variable}", host)
+    refused = _fvs("serve", "--root", str(tmp_path / "service"))
     assert refused.exit_code == 2
+    assert f"other machines may reach the service as {host}, and no key is valid" in refused.stderr
     assert "fvs keys create" in refused.stderr
 
 
-def test_keys_that_have_expired_let_nobody_in(tmp_path: Path) -> None:
-    settings = Settings(root=tmp_path / "service", require_keys=True)
+@pytest.mark.parametrize(
+    ("given", "reason"), [({"require_keys": True}, "FVS_REQUIRE_KEYS is true"), ({}, "keys were created")]
+)
+def test_keys_that_have_expired_let_nobody_in(given: dict[str, Any], reason: str, tmp_path: Path) -> None:
+    settings = Settings(root=tmp_path / "service", **given)
     with open_storage(settings) as storage:
         storage.keys.create("old", valid_for=timedelta(seconds=-1))
-    with pytest.raises(ForbiddenError, match="FVS_REQUIRE_KEYS"):
+    with pytest.raises(ForbiddenError, match=reason):
         require_protection(settings)
     with open_storage(settings) as storage:
         storage.keys.create("new", valid_for=timedelta(days=1))
-    require_protection(settings)
+    assert require_protection(settings) == f"Requests need an API key: {reason}."
+
+
+def test_the_service_says_that_it_needs_no_key(tmp_path: Path) -> None:
+    settings = Settings(root=tmp_path / "service")
+    assert require_protection(settings) == "Requests need no API key until one is created."
+    with open_storage(settings) as storage:
+        storage.keys.create("a")
+    open_to_all = settings.model_copy(update={"require_keys": False, "host": "0.0.0.0"})
+    assert require_protection(open_to_all) == "Requests need no API key: FVS_REQUIRE_KEYS is false."
 
 
 def test_keys_are_made_listed_and_revoked(tmp_path: Path) -> None:

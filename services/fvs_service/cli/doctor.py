@@ -29,18 +29,19 @@ def doctor(
     ] = 900.0,
     root: RootOption = None,
 ) -> None:
-    """Check the database, the object store, clocks, workers and disks, and whether rows and blobs match.
+    """Check the database, the object store, clocks, workers, keys, disks, and whether rows and blobs match.
 
     It finds blobs without rows, rows without blobs, folders without a scene, unfinished deletions and jobs
-    of lost workers, and says whether the extra aliked is installed. Without a database that answers it
-    examines what needs none. It may run beside the service.
+    of lost workers, and says whether requests need a key, and whether the extra aliked is installed.
+    Without a database that answers it examines what needs none. It may run beside the service.
     Without --repair it changes nothing. The exit status is 0 when nothing is found, else 13.
     """
     from fvs_engine.sfm.aliked.weights_file import INSTALL, aliked_weights
     from fvs_service.application import open_existing_storage
     from fvs_service.doctor.deployment import troubles, troubles_without_database
     from fvs_service.doctor.examination import examine, examine_without_database
-    from fvs_service.errors import StorageUnavailableError
+    from fvs_service.errors import ForbiddenError, StorageUnavailableError
+    from fvs_service.gateway.protection import access_of
 
     installed = "installed" if aliked_weights() is not None else f"not installed ({INSTALL})"
     typer.echo(f"Extra aliked, a second opinion on models without pose priors: {installed}.", err=True)
@@ -54,6 +55,8 @@ def doctor(
             _report(examine_without_database(settings, age), repair=repair)
             typer.echo("Everything else needs the database, and was not examined.", err=True)
             raise typer.Exit(_EXIT_FOUND) from error
+        with contextlib.suppress(ForbiddenError):  # which is a trouble
+            typer.echo(access_of(storage), err=True)
         wrong = _show(troubles(storage))
         if any(trouble.serious for trouble in wrong):
             raise typer.Exit(_EXIT_FOUND)

@@ -35,7 +35,7 @@ def serve(
     host: Annotated[
         str | None,
         typer.Option(
-            help="Address to listen on; addresses other than loopback need an API key.",
+            help="Address to listen on; with one that is not loopback, requests need an API key.",
             show_default="127.0.0.1",
         ),
     ] = None,

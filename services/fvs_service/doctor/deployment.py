@@ -1,4 +1,4 @@
-"""What is wrong with a deployment: the object store, clocks, workers, disks."""
+"""What is wrong with a deployment: the object store, clocks, workers, access, disks."""
 
 import time
 from collections.abc import Iterator
@@ -8,8 +8,9 @@ from sqlalchemy import select
 
 from fvs_engine.errors import StorageError
 from fvs_service.application import Storage
-from fvs_service.errors import StorageUnavailableError
+from fvs_service.errors import ForbiddenError, StorageUnavailableError
 from fvs_service.fleet import workers_of
+from fvs_service.gateway.protection import access_of
 from fvs_service.logs import reason_of
 from fvs_service.settings import Settings
 from fvs_service.storage.blob_keys import image_key
@@ -78,6 +79,7 @@ def troubles(storage: Storage) -> Iterator[Trouble]:
             )
         elif worker.disk_full:
             yield Trouble(f"Worker {worker.id} takes no jobs: its disk is full.", "Free some space there.")
+    yield from _of_access(storage)
     yield from _of_this_machine(storage.settings)
 
 
@@ -107,6 +109,21 @@ def _rights(blobs: Blobs) -> Iterator[Trouble]:
         blobs.check_rights()
     except StorageUnavailableError as error:
         yield Trouble(error.message, error.hint)
+
+
+def _of_access(storage: Storage) -> Iterator[Trouble]:
+    """Access without keys from other machines, and keys that let nobody in."""
+    hosts = storage.settings.remote_hosts
+    try:
+        access = access_of(storage)
+    except ForbiddenError as error:
+        yield Trouble(error.message, error.hint)
+    else:
+        if hosts and not storage.keys.required:
+            yield Trouble(
+                f"{access} Whoever reaches the service as {' or '.join(hosts)} may use it.",
+                "Unset FVS_REQUIRE_KEYS unless something else keeps strangers out.",
+            )
 
 
 def _of_this_machine(settings: Settings) -> Iterator[Trouble]:

@@ -42,6 +42,6 @@ def capabilities_of(app: Application) -> Capabilities:
         methods=app.rankings.methods,
         image_formats=FORMATS,
         workers=workers,
-        keys_required=settings.keys_required,
+        keys_required=app.storage.keys.required,
         limits=settings.limits,
     )

@@ -52,7 +52,7 @@ def run_gateway(
 
     Calls ``beat`` on the event loop every ``beat_every_s``, if given.
 
-    Raises ``ForbiddenError`` when other machines can reach the service and there is no API key.
+    Raises ``ForbiddenError`` when requests need an API key and there is no valid one.
     """
     require_protection(settings)
     _allow_many_connections()

@@ -89,14 +89,14 @@ class Supervisor:
         """Start all processes, call ``announce`` with the gateway's URLs, and supervise until a signal.
 
         Raises ``InvalidInputError`` when a file for TLS cannot be used,
-        ``ForbiddenError`` when other machines can reach the service and no API key protects it,
+        ``ForbiddenError`` when requests need an API key and there is no valid one,
         ``ConflictError`` when another service runs on the root, ``StorageError`` when the root cannot be
         written, ``UnavailableError`` when the gateway does not start, the database cannot be reached, or the
         blob store refuses, or belongs to another database.
         """
         if self._role is not Role.WORKER:
             require_certificates(self._settings)
-            require_protection(self._settings)
+            _log.info(require_protection(self._settings))
         with _only_service_in(self._settings.root):
             adopt_orphans()
             with open_storage(self._settings) as storage:  # the processes meet a database that is migrated

@@ -134,5 +134,5 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
         bodies += [
             route.body for route in module.router.routes if isinstance(route, JsonRoute) and route.body
         ]
-    openapi.describe(app, bodies, keys_required=settings.keys_required)
+    openapi.describe(app, bodies, keys_required=settings.keys_required is True)
     return app

@@ -23,7 +23,7 @@ PageT = TypeVar("PageT", bound=Page)
 _bearer = HTTPBearer(
     auto_error=False,
     scheme_name="ApiKey",
-    description="Create one with `fvs keys create`. Not needed while the service is bound to loopback.",
+    description="Create one with `fvs keys create`. Not needed before a key was created, on loopback.",
 )
 
 
@@ -78,7 +78,7 @@ async def _caller(
         raise UnauthenticatedError(
             "The Authorization header is not a Bearer key.", hint="Send Authorization: Bearer fvs_…"
         )
-    return keys.authenticate(None)
+    return await run_in_threadpool(keys.authenticate, None)
 
 
 Caller = Annotated[Principal, Depends(_caller)]

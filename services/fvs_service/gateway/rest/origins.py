@@ -7,14 +7,12 @@ browser sends one of these two headers with a request that changes anything; oth
 need not. JSON bodies need ``application/json`` besides, which no simple request can have.
 """
 
-import ipaddress
-from urllib.parse import urlsplit
-
 from starlette.requests import Request
 from starlette.types import ASGIApp, Receive, Scope, Send
 
 from fvs_service.errors import ForeignOriginError, ServiceError, UnknownHostError
 from fvs_service.gateway.rest.problems import problem_response
+from fvs_service.host_names import host_of, is_loopback
 from fvs_service.settings import Settings
 
 _OWN_SITES = ("same-origin", "none")
@@ -26,9 +24,9 @@ class OriginGuard:
 
     def __init__(self, app: ASGIApp, settings: Settings) -> None:
         self._app = app
-        self._hosts = frozenset(map(_host, settings.allowed_hosts))
+        self._hosts = frozenset(map(host_of, settings.allowed_hosts))
         self._origins = frozenset(origin.rstrip("/").lower() for origin in settings.allowed_origins)
-        self._any_host = settings.keys_required and not settings.allowed_hosts
+        self._any_host = settings.keys_required is True and not settings.allowed_hosts
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one request."""
@@ -44,8 +42,8 @@ class OriginGuard:
         if self._any_host:
             return None
         for name in request.headers.getlist("host"):
-            host = _host(name)
-            if host not in self._hosts and not _is_loopback(host):
+            host = host_of(name)
+            if host not in self._hosts and not is_loopback(host):
                 return UnknownHostError(
                     f"{name[:100]} is not a name of this service.",
                     hint="The operator can add it to FVS_ALLOWED_HOSTS.",
@@ -68,18 +66,3 @@ class OriginGuard:
             f"Pages of {(origin or 'another origin')[:100]} may not use this service.",
             hint="The operator can add their origin to FVS_ALLOWED_ORIGINS.",
         )
-
-
-def _host(name: str) -> str:
-    """The host of ``host:port``, in lower case; "" for what is none."""
-    try:
-        return (urlsplit(f"//{name}").hostname or "").rstrip(".")
-    except ValueError:
-        return ""
-
-
-def _is_loopback(host: str) -> bool:
-    try:
-        return ipaddress.ip_address(host).is_loopback
-    except ValueError:
-        return host == "localhost"

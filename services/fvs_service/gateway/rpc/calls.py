@@ -123,7 +123,7 @@ class Call:
         keys = self._gateway.application.storage.keys
         given = self._metadata.get("authorization")
         if given is None:
-            return keys.authenticate(None)
+            return await anyio.to_thread.run_sync(keys.authenticate, None)
         key = self._key = bearer_key(given)
         if key is None:  # a broken credential must not count as none
             raise UnauthenticatedError(
