@@ -14,7 +14,7 @@ from pydantic import (
     ValidationInfo,
 )
 from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema
+from pydantic_core import CoreSchema, PydanticCustomError
 
 from fvs_service.field_docstrings import field_docstrings
 
@@ -65,6 +65,10 @@ Digest = Annotated[str, Field(pattern=DIGEST)]
 Timestamp = AwareDatetime
 
 
+OF_FIELDS = "of_fields"
+"""The type of errors that are about several fields, which ``fields`` of their context names."""
+
+
 def within(limit: str | int) -> BeforeValidator:
     """Refuse lists longer than this one of ``Limits``, or number, before any of their items is validated.
 
@@ -82,6 +86,11 @@ def within(limit: str | int) -> BeforeValidator:
         return value
 
     return BeforeValidator(check)
+
+
+def of_fields(message: str, *fields: str) -> PydanticCustomError:
+    """The error of a model's validator for ``fields`` that contradict each other, or are missing together."""
+    return PydanticCustomError(OF_FIELDS, "{message}", {"message": message, "fields": fields})
 
 
 _AFTER = "The `next` of the previous page."

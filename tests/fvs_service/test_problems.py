@@ -88,7 +88,12 @@ _TWINS = [{"id": "a", "pose": {"position": [0, 0, 0], "orientation_wxyz": [1, 0,
             "candidates.0.pose.orientation_wxyz: "
             "a unit quaternion, w first; the length of this one is 1.414.",
         ),
-        ("/v1/scenes/{scene}/rankings", {"candidates": _TWINS}, "", "Two candidates have the id a."),
+        (
+            "/v1/scenes/{scene}/rankings",
+            {"candidates": _TWINS},
+            "candidates",
+            "Two candidates have the id a.",
+        ),
         (
             "/v1/scenes/{scene}/rankings",
             {"generator": {"kind": "orbit", "count": 0}},
@@ -110,7 +115,7 @@ _TWINS = [{"id": "a", "pose": {"position": [0, 0, 0], "orientation_wxyz": [1, 0,
         (
             "/v1/scenes/{scene}/rankings",
             {"radius_m": 2},
-            "",
+            "current_pose",
             "radius_m needs a current_pose to be measured from.",
         ),
         (
@@ -142,6 +147,72 @@ def test_what_is_wrong_is_named_by_its_place_in_the_request(
     assert problem["errors"][0]["field"] == field
     assert problem["detail"] == detail
     assert "openapi.json" in problem["hint"]
+
+
+@pytest.mark.parametrize(
+    ("method", "path", "options", "fields", "detail"),
+    [
+        (
+            "POST",
+            "rankings",
+            {"json": {"candidates": _TWINS[:1], "generator": {"kind": "orbit"}}},
+            ["candidates", "generator"],
+            "Give either candidates or a generator, not both.",
+        ),
+        (
+            "POST",
+            "rankings",
+            {"json": {"generator": {"kind": "around-current"}}},
+            ["current_pose", "radius_m"],
+            "around-current needs current_pose and radius_m.",
+        ),
+        (
+            "POST",
+            "rankings",
+            {"json": {"method": "none-of-ours"}},
+            ["method"],
+            "There is no method 'none-of-ours'.",
+        ),
+        (
+            "POST",
+            "jobs",
+            {"json": {"kind": "update", "test_every": 8}},
+            ["test_every"],
+            "test_every is for fine models: updates train on all images.",
+        ),
+        ("PATCH", "", {"json": {}}, ["name", "policy", "retention"], "Give a name, a policy or a retention."),
+        (
+            "PUT",
+            f"images/sha256:{'0' * 64}",
+            {"params": {"latitude_deg": "46"}},
+            ["longitude_deg", "altitude_m"],
+            "latitude_deg, longitude_deg and altitude_m belong together.",
+        ),
+        (
+            "POST",
+            "missions",
+            {"json": {"views": []}, "params": {"format": "qgc-plan", "home_latitude_deg": 1.0}},
+            ["home_longitude_deg"],
+            "home_latitude_deg and home_longitude_deg belong together.",
+        ),
+    ],
+)
+def test_fields_that_belong_together_are_named(
+    gateway: Any,
+    method: str,
+    path: str,
+    options: dict[str, Any],
+    fields: list[str] | None,
+    detail: str | None,
+) -> None:
+    scene = gateway.scene()
+    if path == "rankings":
+        gateway.model(scene)
+    url = f"/v1/scenes/{scene}/{path}".rstrip("/")
+    problem = gateway.client.request(method, url, **options).json()
+    assert problem["code"] == "invalid-request"
+    assert [error["field"] for error in problem["errors"]] == fields
+    assert problem["detail"] == detail
 
 
 def test_a_pose_that_is_no_object_is_named(gateway: Any) -> None:

@@ -1,6 +1,6 @@
 """Errors for requests that do not fit their model: which part is invalid, and why."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from itertools import pairwise
 from typing import Any
 
@@ -10,6 +10,7 @@ from pydantic_core import ErrorDetails
 
 from fvs_service.errors import FieldError, InvalidRequestError
 from fvs_service.gateway.plain_messages import plain_message, sentence
+from fvs_service.model import OF_FIELDS
 
 _MAX_FIELDS = 16
 _MAX_CHARACTERS = 300
@@ -20,15 +21,14 @@ _HINT = "GET /openapi.json describes the request."
 def invalid_request(error: RequestValidationError) -> InvalidRequestError:
     """The error for path, query and headers that do not fit."""
     found = error.errors()[:_MAX_FIELDS]
-    return _error(_field(item, item["loc"][1:]) for item in found)
+    return _error(found, (item["loc"][1:] for item in found))
 
 
 def invalid_body(error: ValidationError, body: object, hint: str = _HINT) -> InvalidRequestError:
     """The error for a ``body`` that does not fit its model; ``hint`` names the description of the model."""
     found = _of_the_sender(error.errors(include_url=False, include_input=False))[:_MAX_FIELDS]
-    return _error(
-        (_field(item, _path(item["loc"], body, missing=item["type"] == "missing")) for item in found), hint
-    )
+    paths = (_path(item["loc"], body, missing=item["type"] == "missing") for item in found)
+    return _error(found, paths, hint)
 
 
 def _of_the_sender(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
@@ -41,15 +41,24 @@ def _of_the_sender(errors: Sequence[ErrorDetails]) -> list[ErrorDetails]:
     ]
 
 
-def _error(fields: Iterable[FieldError], hint: str = _HINT) -> InvalidRequestError:
-    found = tuple(dict.fromkeys(fields))  # dependencies may share a parameter
-    first = found[0]
-    return InvalidRequestError(sentence(first.field, first.message), errors=found, hint=hint)
+def _error(
+    errors: Sequence[Mapping[str, Any]], paths: Iterable[Iterable[str | int]], hint: str = _HINT
+) -> InvalidRequestError:
+    found: dict[FieldError, None] = {}  # dependencies may share a parameter
+    for error, path in zip(errors, paths, strict=True):
+        found.update(dict.fromkeys(_fields(error, tuple(path))))
+    first = next(iter(found))
+    about = "" if errors[0]["type"] == OF_FIELDS else first.field
+    return InvalidRequestError(sentence(about, first.message), errors=tuple(found), hint=hint)
 
 
-def _field(error: Mapping[str, Any], path: Iterable[str | int]) -> FieldError:
-    message = plain_message(error["type"], error["msg"], error.get("ctx", {}))
-    return FieldError(_short(".".join(map(str, path))), _short(message))
+def _fields(error: Mapping[str, Any], path: tuple[str | int, ...]) -> Iterator[FieldError]:
+    """The invalid field at ``path``, or those of the object there that the error is about."""
+    context = error.get("ctx", {})
+    message = _short(plain_message(error["type"], error["msg"], context))
+    inner = [(name,) for name in context["fields"]] if error["type"] == OF_FIELDS else [()]
+    for names in inner:
+        yield FieldError(_short(".".join(map(str, (*path, *names)))), message)
 
 
 def _short(text: str) -> str:

@@ -5,7 +5,17 @@ from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from fvs_service.model import Count, Digest, Listing, Model, Number, PositiveNumber, Timestamp, within
+from fvs_service.model import (
+    Count,
+    Digest,
+    Listing,
+    Model,
+    Number,
+    PositiveNumber,
+    Timestamp,
+    of_fields,
+    within,
+)
 from fvs_service.quantities import (
     Altitude,
     AngleSigma,
@@ -155,18 +165,15 @@ class ImageMetadata(Model):
 
     @model_validator(mode="after")
     def _whole_positions(self) -> Self:
-        geodetic = (self.latitude_deg, self.longitude_deg, self.altitude_m)
-        local = (self.x_m, self.y_m, self.z_m)
-        for names, values in (
-            ("latitude_deg, longitude_deg and altitude_m", geodetic),
-            ("x_m, y_m and z_m", local),
-        ):
-            if any(value is None for value in values) and any(value is not None for value in values):
-                raise ValueError(f"{names} belong together")
-        if geodetic[0] is not None and local[0] is not None:
-            raise ValueError("a position is geodetic or local, not both")
+        geodetic, local = ("latitude_deg", "longitude_deg", "altitude_m"), ("x_m", "y_m", "z_m")
+        for first, second, third in (geodetic, local):
+            missing = [name for name in (first, second, third) if getattr(self, name) is None]
+            if 0 < len(missing) < 3:
+                raise of_fields(f"{first}, {second} and {third} belong together", *missing)
+        if self.latitude_deg is not None and self.x_m is not None:
+            raise of_fields("a position is geodetic or local, not both", *geodetic, *local)
         if self.altitude_datum is not None and self.altitude_m is None:
-            raise ValueError("altitude_datum needs an altitude_m")
+            raise of_fields("altitude_datum needs an altitude_m", "altitude_m")
         return self
 
     def prior(self) -> Prior | None:

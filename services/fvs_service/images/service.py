@@ -9,7 +9,7 @@ from collections.abc import Iterator
 
 from sqlalchemy.orm import Session
 
-from fvs_service.errors import ConflictError, InvalidRequestError, NotFoundError, UnavailableError
+from fvs_service.errors import ConflictError, FieldError, InvalidRequestError, NotFoundError, UnavailableError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.images import repository
@@ -62,6 +62,7 @@ class Images:
             raise InvalidRequestError(
                 f"There are {len(request.digests)} digests; {self._limits.digests_per_check} are allowed.",
                 hint="Split them into several requests.",
+                errors=[FieldError("digests", f"at most {self._limits.digests_per_check} are allowed")],
             )
         with self._database.reading() as session:
             scene_of(session, principal, scene_id)
@@ -206,11 +207,13 @@ def _require_frame(scene: Scene, metadata: ImageMetadata) -> None:
         raise InvalidRequestError(
             "The scene's world is local, so geodetic positions have no meaning in it.",
             hint="Give x_m, y_m and z_m.",
+            errors=[FieldError("latitude_deg", "the scene's world is local")],
         )
     if metadata.x_m is not None and not isinstance(scene.world, LocalWorld):
         raise InvalidRequestError(
             "Only scenes with a local world accept x_m, y_m and z_m.",
             hint='Create the scene with {"world": {"kind": "local"}}, or give a latitude and a longitude.',
+            errors=[FieldError("x_m", "the scene's world is not local")],
         )
     prior = metadata.prior()
     if prior is not None and not _same_datum(prior, scene):
@@ -219,6 +222,7 @@ def _require_frame(scene: Scene, metadata: ImageMetadata) -> None:
         raise InvalidRequestError(
             f"Altitudes of the scene are above {datum}, not {prior.altitude_datum}.",
             hint=f"Convert the altitude and send altitude_datum={datum}; or omit the position.",
+            errors=[FieldError("altitude_datum", f"altitudes of the scene are above {datum}")],
         )
 
 

@@ -5,7 +5,7 @@ from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from fvs_service.model import WHOLE, Count, Listing, Model, Number, Timestamp
+from fvs_service.model import WHOLE, Count, Listing, Model, Number, Timestamp, of_fields
 
 
 class JobKind(StrEnum):
@@ -55,7 +55,7 @@ class JobRequest(Model):
     @model_validator(mode="after")
     def _only_fine_models_are_tested(self) -> Self:
         if self.test_every is not None and self.kind is not JobKind.FINE:
-            raise ValueError("test_every is for fine models: updates train on all images")
+            raise of_fields("test_every is for fine models: updates train on all images", "test_every")
         return self
 
 

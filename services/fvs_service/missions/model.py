@@ -7,7 +7,7 @@ from typing import Annotated, Self
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from fvs_service.missions.fence import Corner
-from fvs_service.model import WHOLE, Model, Number, within
+from fvs_service.model import WHOLE, Model, Number, of_fields, within
 from fvs_service.quantities import Altitude, AsText, Latitude, Longitude, Tilt
 from fvs_service.rankings.model import CandidateId
 from fvs_service.scenes.model import AltitudeDatum
@@ -157,13 +157,19 @@ class MissionOptions(Model):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        if (self.home_latitude_deg is None) != (self.home_longitude_deg is None):
-            raise ValueError("home_latitude_deg and home_longitude_deg belong together")
+        home = ("home_latitude_deg", "home_longitude_deg")
+        missing = [name for name in home if getattr(self, name) is None]
+        if len(missing) == 1:
+            raise of_fields("home_latitude_deg and home_longitude_deg belong together", *missing)
         lowest, highest = self.lowest_height_m, self.highest_height_m
         if lowest is not None and highest is not None and lowest >= highest:
-            raise ValueError("lowest_height_m is not below highest_height_m")
+            raise of_fields(
+                "lowest_height_m is not below highest_height_m", "lowest_height_m", "highest_height_m"
+            )
         if self.gimbal_lowest_deg >= self.gimbal_highest_deg:
-            raise ValueError("gimbal_lowest_deg is not below gimbal_highest_deg")
+            raise of_fields(
+                "gimbal_lowest_deg is not below gimbal_highest_deg", "gimbal_lowest_deg", "gimbal_highest_deg"
+            )
         return self
 
     @property
@@ -239,7 +245,7 @@ class MissionRequest(Model):
     @model_validator(mode="after")
     def _different(self) -> Self:
         if len({view.id for view in self.views}) < len(self.views):
-            raise ValueError("two views have the same id")
+            raise of_fields("two views have the same id", "views")
         return self
 
 

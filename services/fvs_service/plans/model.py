@@ -5,7 +5,7 @@ from typing import Annotated, Self
 from pydantic import ConfigDict, Field, model_validator
 
 from fvs_engine.plan.plan_records import Expectation as EngineExpectation
-from fvs_service.model import WHOLE, Count, Model, Number, within
+from fvs_service.model import WHOLE, Count, Model, Number, of_fields, within
 from fvs_service.quantities import Length
 from fvs_service.rankings.model import (
     CandidateRequest,
@@ -93,12 +93,12 @@ class PlanRequest(Model):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if self.candidates is not None and self.generator is not None:
-            raise ValueError("give either candidates or a generator, not both")
+            raise of_fields("give either candidates or a generator, not both", "candidates", "generator")
         for poses, what in ((self.candidates, "candidates"), (self.targets, "targets")):
             seen: set[str] = set()
             for pose in poses or ():
                 if pose.id in seen:
-                    raise ValueError(f"two {what} have the id {pose.id}")
+                    raise of_fields(f"two {what} have the id {pose.id}", what)
                 seen.add(pose.id)
         return self
 

@@ -9,7 +9,7 @@ from pydantic.config import JsonDict
 from fvs_engine import candidates as engine
 from fvs_engine.candidates import CandidateStatus
 from fvs_engine.plan.volumes import Volume
-from fvs_service.model import WHOLE, Count, Model, Number, Timestamp, within
+from fvs_service.model import WHOLE, Count, Model, Number, Timestamp, of_fields, within
 from fvs_service.quantities import MAX_COORDINATE_M, Coordinate, Length, Vector
 from fvs_service.rankings.warnings import RankingWarning
 from fvs_service.scenes.model import Alignment, Origin
@@ -89,7 +89,7 @@ class InVolume(Model):
     @model_validator(mode="after")
     def _one_aim(self) -> Self:
         if self.aim is not None and self.look != "middle":
-            raise ValueError("give either an aim or where to look, not both")
+            raise of_fields("give either an aim or where to look, not both", "aim", "look")
         return self
 
 
@@ -179,15 +179,17 @@ class RankingRequest(Model):
     @model_validator(mode="after")
     def _consistent(self) -> Self:
         if self.candidates is not None and self.generator is not None:
-            raise ValueError("give either candidates or a generator, not both")
+            raise of_fields("give either candidates or a generator, not both", "candidates", "generator")
         if self.radius_m is not None and self.current_pose is None:
-            raise ValueError("radius_m needs a current_pose to be measured from")
-        if isinstance(self.generator, AroundCurrent) and self.radius_m is None:
-            raise ValueError("around-current needs current_pose and radius_m")
+            raise of_fields("radius_m needs a current_pose to be measured from", "current_pose")
+        if isinstance(self.generator, AroundCurrent):
+            missing = [name for name in ("current_pose", "radius_m") if getattr(self, name) is None]
+            if missing:
+                raise of_fields("around-current needs current_pose and radius_m", *missing)
         seen: set[str] = set()
         for candidate in self.candidates or ():
             if candidate.id in seen:
-                raise ValueError(f"two candidates have the id {candidate.id}")
+                raise of_fields(f"two candidates have the id {candidate.id}", "candidates")
             seen.add(candidate.id)
         return self
 

@@ -9,7 +9,7 @@ from anyio.to_thread import run_sync
 
 from fvs_engine import candidates as engine
 from fvs_service.concurrency import ConcurrencyLimit
-from fvs_service.errors import InvalidRequestError, NotFoundError
+from fvs_service.errors import FieldError, InvalidRequestError, NotFoundError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
@@ -303,7 +303,9 @@ class Rankings:
     def _require_method(self, method: str) -> None:
         if method not in self.methods:
             raise InvalidRequestError(
-                f"There is no method {method!r}.", hint=f"The methods are {', '.join(self.methods)}."
+                f"There is no method {method!r}.",
+                hint=f"The methods are {', '.join(self.methods)}.",
+                errors=[FieldError("method", "there is no such method")],
             )
 
 

@@ -7,7 +7,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.geometry import RigidTransform
-from fvs_service.errors import InvalidRequestError, NoSnapshotError, NotFoundError
+from fvs_service.errors import FieldError, InvalidRequestError, NoSnapshotError, NotFoundError
 from fvs_service.principal import Principal
 from fvs_service.rankings.generators import FromImages, generate
 from fvs_service.rankings.model import CandidateRequest
@@ -91,16 +91,17 @@ class SnapshotFrames:
             poses = generate(generator, geometry, current, radius_m)
         else:
             poses = by_id(given or (), frame)
-        self.require_few(len(poses))
+        self.require_few(len(poses), "candidates" if generator is None else "generator")
         require_on_earth(poses)
         return poses
 
-    def require_few(self, count: int) -> None:
-        """Raise ``InvalidRequestError`` for more candidates than are allowed."""
+    def require_few(self, count: int, field: str = "generator") -> None:
+        """Raise ``InvalidRequestError``, about the ``field``, for more candidates than are allowed."""
         if count > self._most_candidates:
             raise InvalidRequestError(
                 f"There are {count} candidates; {self._most_candidates} are allowed.",
                 hint="Split them into several rankings.",
+                errors=[FieldError(field, f"there are {count}, and {self._most_candidates} are allowed")],
             )
 
     def _geometry_of(self, snapshot_id: str) -> SceneGeometry:

@@ -6,7 +6,17 @@ from typing import Annotated, Literal, Self
 from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
 from fvs_engine.images.focal import PLAUSIBLE_SHARE
-from fvs_service.model import WHOLE, Count, Listing, Model, Number, PositiveNumber, Timestamp, Triple
+from fvs_service.model import (
+    WHOLE,
+    Count,
+    Listing,
+    Model,
+    Number,
+    PositiveNumber,
+    Timestamp,
+    Triple,
+    of_fields,
+)
 from fvs_service.quantities import Altitude, Days, FocalLength, ImageWidth, Latitude, Longitude, Quaternion
 
 SCENE_NAME = r"^[^\x00-\x1f\x7f]+$"
@@ -149,7 +159,7 @@ class SceneChange(Model):
     @model_validator(mode="after")
     def _changes_something(self) -> Self:
         if not self.model_dump(exclude_none=True):
-            raise ValueError("give a name, a policy or a retention")
+            raise of_fields("give a name, a policy or a retention", "name", "policy", "retention")
         return self
 
 

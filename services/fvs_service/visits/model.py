@@ -5,7 +5,7 @@ from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from fvs_service.model import WHOLE, Model, Timestamp, within
+from fvs_service.model import WHOLE, Model, Timestamp, of_fields, within
 from fvs_service.rankings.model import CandidateId, CandidateRequest, VehicleName
 from fvs_service.scenes.poses import Pose
 
@@ -64,7 +64,7 @@ class VisitReport(Model):
         seen: set[str] = set()
         for view in self.views:
             if view.id in seen:
-                raise ValueError(f"two views have the id {view.id}")
+                raise of_fields(f"two views have the id {view.id}", "views")
             seen.add(view.id)
         return self
 

@@ -105,7 +105,9 @@ def _print_error(error: FvsError, command: str, *, as_json: bool) -> None:
         typer.echo(json.dumps(document, ensure_ascii=False), err=True)
         return
     typer.echo(f"Error: {message}", err=True)
-    for field in fields[1:]:  # the message has the first one
+    for field in fields[1:]:  # the message has the first one, and so those of which it says the same
+        if field.message == fields[0].message:
+            continue
         wrong = in_options(f"{field.field or 'request'}: {field.message}")
         typer.echo(f"       {wrong}", err=True)
     if hint:

@@ -13,6 +13,7 @@ from fvs_service.application import Application
 from fvs_service.errors import UnauthenticatedError
 from fvs_service.events.feed import EventFeed
 from fvs_service.gateway.drain import Drain
+from fvs_service.gateway.rest.query import require_known_query
 from fvs_service.ids import new_id
 from fvs_service.model import NumberedPage, Page
 from fvs_service.principal import Principal, Scope
@@ -73,15 +74,26 @@ async def _caller(
     if credentials is not None:
         principal = await run_in_threadpool(keys.authenticate, credentials.credentials)
         request.state.principal = principal
-        return principal
-    if "authorization" in request.headers:  # a broken credential must not count as none
+    elif "authorization" in request.headers:  # a broken credential must not count as none
         raise UnauthenticatedError(
             "The Authorization header is not a Bearer key.", hint="Send Authorization: Bearer fvs_…"
         )
-    return await run_in_threadpool(keys.authenticate, None)
+    else:
+        principal = await run_in_threadpool(keys.authenticate, None)
+    require_known_query(request)
+    return principal
 
 
 Caller = Annotated[Principal, Depends(_caller)]
+"""The principal of the API key; without a right one, and with an unknown parameter, the request fails."""
+
+
+async def _known_query(request: Request) -> None:
+    require_known_query(request)
+
+
+KnownQuery = Depends(_known_query)
+"""For routes without a caller."""
 
 
 async def _page(request: Request, page: Annotated[Page, Query()]) -> Page:

@@ -6,10 +6,11 @@ handler.
 
 import functools
 import inspect
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Any
 
 from fastapi import APIRouter, Response
+from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
 
@@ -23,6 +24,8 @@ class JsonRoute(APIRoute):
         super().__init__(path, _serialising(endpoint, options.get("status_code") or 200), **options)
         kinds = (getattr(dependency.call, "kind", None) for dependency in self.dependant.dependencies)
         self.body: type[Model] | None = next((kind for kind in kinds if kind is not None), None)
+        self.parameters = frozenset(_parameters(self.dependant))
+        """The names of the parameters of its query."""
         if self.body is not None:
             schema = {"$ref": f"#/components/schemas/{self.body.__name__}"}
             content = {"application/json": {"schema": schema}}
@@ -32,6 +35,17 @@ class JsonRoute(APIRoute):
 def json_router(prefix: str, tag: str) -> APIRouter:
     """A router of ``JsonRoute``."""
     return APIRouter(prefix=prefix, tags=[tag], route_class=JsonRoute)
+
+
+def _parameters(dependant: Dependant) -> Iterator[str]:
+    for field in dependant.query_params:
+        kind = field.field_info.annotation
+        if isinstance(kind, type) and issubclass(kind, Model):
+            yield from kind.model_fields
+        else:
+            yield field.alias
+    for inner in dependant.dependencies:
+        yield from _parameters(inner)
 
 
 def _serialising(endpoint: Callable[..., Any], status: int) -> Callable[..., Any]:

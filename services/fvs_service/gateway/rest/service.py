@@ -7,7 +7,7 @@ from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
 from fvs_service.errors import stopping
 from fvs_service.gateway.readiness import require_ready
-from fvs_service.gateway.rest.dependencies import App, Caller, Counters, Draining
+from fvs_service.gateway.rest.dependencies import App, Caller, Counters, Draining, KnownQuery
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.model import Model
 
@@ -26,13 +26,13 @@ class Health(Model):
     status: str = "ok"
 
 
-@router.get("/livez")
+@router.get("/livez", dependencies=[KnownQuery])
 def live() -> Health:
     """Check that the gateway runs."""
     return Health()
 
 
-@router.get("/readyz")
+@router.get("/readyz", dependencies=[KnownQuery])
 def ready(app: App, drain: Draining, workers: _Workers = 0) -> Health:
     """Check that the gateway can store images, and that enough workers are alive; 503 or 507 otherwise."""
     if drain.begun:

@@ -27,6 +27,7 @@ from fvs_service.engine_errors import from_engine
 from fvs_service.errors import (
     ClientGoneError,
     DeadlineError,
+    FieldError,
     InternalError,
     InvalidRequestError,
     LimitExceededError,
@@ -330,6 +331,8 @@ def parsed(kind: type[MessageT], content: bytes) -> MessageT:
     for described, value in message.ListFields():
         if described.name.endswith("_id") and (len(value) > MAX_ID_CHARACTERS or "\0" in value):
             raise InvalidRequestError(
-                f"{described.name}: it is not an id.", hint="Send an id as the service returned it."
+                f"{described.name}: it is not an id.",
+                hint="Send an id as the service returned it.",
+                errors=[FieldError(described.name, "it is not an id")],
             )
     return message
