@@ -9,7 +9,6 @@ import pytest
 import typer
 from fvs_client.cli import error_exit_codes, exit_codes
 from fvs_client.cli.app import app as fvs_client
-from fvs_service import errors
 from fvs_service.environment import OF_OTHERS, variables_of
 from fvs_service.field_docstrings import field_docstrings
 from fvs_service.settings import BlobSettings, Limits, Retention, Settings, WorkerSettings
@@ -98,17 +97,6 @@ def test_settings_have_docstrings() -> None:
         if not hasattr(field.annotation, "model_fields") and name not in documented[kind.__name__]
     ]
     assert missing == []
-
-
-def test_all_codes_of_errors_are_listed() -> None:
-    page = (REPOSITORY / "docs" / "operate" / "failures.md").read_text(encoding="utf-8")
-    listed = page.split("## Errors that clients meet")[1]
-    kinds = [kind for kind in vars(errors).values() if isinstance(kind, type)]
-    for kind in kinds:
-        if issubclass(kind, errors.ServiceError) and kind.code not in ("client-gone", "stale-lease"):
-            row = next(line for line in listed.splitlines() if f"`{kind.code}`" in line)
-            assert str(kind.status) in row
-            assert f"`{kind.rpc_status}`" in row or kind.code in ("foreign-origin", "unknown-host")
 
 
 def test_exit_statuses_of_the_client_are_those_of_the_program() -> None:

@@ -29,9 +29,10 @@ class Coverage:
     nothing was ever observed: that share counts as covered by ``empty_coverage`` (0: not at all). Colours and
     their errors have no influence.
 
-    Source: Chen, Dai et al., "Coverage Optimization for Camera View Selection" (COVER), CVPR 2026, which
-    takes every Gaussian in a camera's view as seen. Cost: a render per candidate, a gradient per visited
-    view, and Gaussians × visited views products per candidate.
+    Score: share of the image that was seen from a similar direction; 0 to 1. Source: Chen, Dai et al.,
+    "Coverage Optimization for Camera View Selection" (COVER), CVPR 2026, which takes every Gaussian in a
+    camera's view as seen. Cost: a render per candidate, a gradient per visited view, and Gaussians × visited
+    views products per candidate.
     """
 
     empty_coverage: float = 0.0

@@ -13,9 +13,10 @@ from fvs_engine.select.interface import SelectionContext
 class Farthest:
     """Scores a candidate by minus its distance to the most similar visited view (``view_distances``).
 
-    Source: farthest-point sampling (Gonzalez, 1985) over position and viewing direction, the baseline of
-    the field's papers. The distance is normalised by the spread of the views. Cost: candidates × visited
-    distances of six numbers; nothing is rendered (under a millisecond).
+    Score: minus the distance to the most similar image, no unit: random views are 2 apart; 0 or less, mostly
+    −3 to 0. Source: farthest-point sampling (Gonzalez, 1985) over position and viewing direction, the
+    baseline of the field's papers. The distance is normalised by the spread of the views. Cost: candidates ×
+    visited distances of six numbers; nothing is rendered (under a millisecond).
     """
 
     name = "farthest"
@@ -35,8 +36,9 @@ class Farthest:
 class Nearest:
     """Scores a candidate by how far the camera has to travel to its centre, in units of the model frame.
 
-    Source: the nearest neighbour tour, a bound for travel. Nothing is rendered. Raises ``InvalidInputError``
-    where nothing says where the camera is.
+    Score: length of the way, in units of the model frame; 0 or more. Source: the nearest neighbour tour, a
+    bound for travel. Nothing is rendered. Raises ``InvalidInputError`` where nothing says where the camera
+    is.
     """
 
     name = "nearest"

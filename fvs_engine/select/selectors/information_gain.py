@@ -1,5 +1,6 @@
 """Selectors by information gain: the information that a view would add about the parameters."""
 
+import math
 import zlib
 from collections.abc import Callable
 from dataclasses import dataclass
@@ -32,7 +33,7 @@ class InformationGain:
     """Scores a candidate by minus ``gain(H, H_visited + λ)``, with the information H of one view.
 
     H is ``fvs_engine.score.information``: the diagonal of JᵀJ over all parameters but rotations, summed
-    over pixels and channels. ``gain`` maps two tensors [N, P] to the sum [] over all entries.
+    over pixels and channels. ``gain`` maps two tensors [N, P] to a number [].
 
     Cost: one gradient per candidate and per visited view on the CPU, ``information.PROBES`` of them
     elsewhere. The visited views' information is that at the *current* parameters, so it is computed
@@ -71,13 +72,16 @@ def fisher() -> InformationGain:
 
     Source: Jiang, Lei, Daniilidis, "FisherRF: Active View Selection and Mapping with Radiance Fields Using
     Fisher Information", ECCV 2024. Cost: one gradient per candidate and visited view.
+
+    Score: minus the decimal logarithm of 1 + the gain; 0 or less, mostly −14 to 0. The logarithm keeps the
+    order: the trace alone grows without bound where the visited views carry hardly any information.
     """
-    return InformationGain("fisher", trace_ratio, MIN_COVERAGE)
+    return InformationGain("fisher", log_trace_gain, MIN_COVERAGE)
 
 
-def trace_ratio(information: Tensor, known: Tensor) -> Tensor:
-    """Σ H / K over all entries, added up in float64. It grows without bound where K is small."""
-    return (information / known).sum(dtype=torch.float64)
+def log_trace_gain(information: Tensor, known: Tensor) -> Tensor:
+    """log₁₀(1 + Σ H / K) over all entries, added up in float64."""
+    return torch.log1p((information / known).sum(dtype=torch.float64)) / math.log(10.0)
 
 
 def d_optimal() -> InformationGain:
@@ -91,13 +95,15 @@ def d_optimal() -> InformationGain:
     are dense: on *bonsai*, 20 views at random and 25,000 Gaussians, four fifths of the winner's gain comes
     from entries on which it has less information than is known, and any λ from 1e-6 to 1 gives the same
     winner.
+
+    Score: minus the expected information per parameter of the model, in nats; 0 or less, mostly −5 to 0.
     """
     return InformationGain("d-optimal", log_determinant_gain, MIN_COVERAGE)
 
 
 def log_determinant_gain(information: Tensor, known: Tensor) -> Tensor:
-    """Σ ln(1 + H / K) over all entries, added up in float64."""
-    return torch.log1p(information / known).sum(dtype=torch.float64)
+    """½ · the mean of ln(1 + H / K) over all entries, in float64."""
+    return 0.5 * torch.log1p(information / known).mean(dtype=torch.float64)
 
 
 def _information(context: SelectionContext, view: PinholeView, monitor: Monitor) -> ViewInformation:

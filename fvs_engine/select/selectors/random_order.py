@@ -12,7 +12,8 @@ class RandomOrder:
     """Scores a candidate by a number in [0, 1) that depends only on the seed, the step and its name.
 
     A choice depends neither on the order of the candidates nor on earlier draws, so that a killed run
-    continues identically. Source: the baseline of every paper. Cost: none.
+    continues identically. Score: random number, without meaning; 0 to 1. Source: the baseline of every paper.
+    Cost: none.
     """
 
     name = "random"

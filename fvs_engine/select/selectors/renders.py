@@ -39,6 +39,7 @@ class ScorerSelector:
 def median_frequency() -> ScorerSelector:
     """The paper's selector: lowest median log-magnitude of the render's spectrum first (``MedianFrequency``).
 
+    Score: natural logarithm of the median magnitude in the spectrum, no unit; any number, mostly −6 to 4.
     Source: the paper, Algorithm 1. Cost: a render and an FFT per candidate; none for visited views.
     """
     return ScorerSelector(MedianFrequency())
@@ -47,6 +48,7 @@ def median_frequency() -> ScorerSelector:
 def median_frequency_fast() -> ScorerSelector:
     """The paper's selector, exact for the first ten candidates only (``MedianFrequencyFast``).
 
+    Score: natural logarithm of the median magnitude in the spectrum, no unit; any number, mostly −6 to 4.
     Cost: an estimate per candidate, a tenth of a render, and a render and an FFT of some dozens.
     """
     return ScorerSelector(MedianFrequencyFast())
@@ -55,6 +57,8 @@ def median_frequency_fast() -> ScorerSelector:
 def median_frequency_estimate() -> ScorerSelector:
     """The paper's selector without a render: all scores are estimates (``MedianFrequencyEstimate``).
 
+    Score: natural logarithm of the median magnitude in the spectrum, no unit; any number, lower than the
+    exact score.
     Source: the outlook of the paper, which suggests one. Cost: a tenth of a render per candidate.
     """
     return ScorerSelector(MedianFrequencyEstimate())
@@ -63,6 +67,7 @@ def median_frequency_estimate() -> ScorerSelector:
 def spectral_median() -> ScorerSelector:
     """Lowest energy-median frequency of the render first (``SpectralMedian``).
 
+    Score: frequency below which half of the energy lies, in cycles per pixel; 0 to 0.71.
     Source: the textbook definition of a median frequency, beside the paper's score of nearly the same name.
     Cost: a render and an FFT per candidate; none for visited views.
     """

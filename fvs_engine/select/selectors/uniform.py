@@ -15,9 +15,10 @@ class Uniform:
     """Scores a candidate by its distance, in the order of capture, to the nearest planned index.
 
     The remaining budget is planned at every step, so that the largest gap between neighbours is as small as
-    the visited views allow (``planned_indices``). Source: uniform sampling, the baseline of the field's
-    papers, for initial views that need not be even and candidates of which some may be out of reach. Cost:
-    none; nothing is rendered.
+    the visited views allow (``planned_indices``). Score: distance to the nearest planned position, in places
+    of the order of capture; 0 or more. Source: uniform sampling, the baseline of the field's papers, for
+    initial views that need not be even and candidates of which some may be out of reach. Cost: none; nothing
+    is rendered.
     """
 
     name = "uniform"

@@ -168,11 +168,14 @@ class RankingRequest(Model):
     top_k: Annotated[int, Field(strict=True, ge=1, le=100_000), WHOLE] | None = None
     """Return only the first `top_k` candidates."""
     method: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,64}$")] = "median-frequency"
+    """How candidates are scored: `GET /v1/capabilities` lists the methods, `docs/reference/methods.md`
+    describes them."""
     snapshot_id: str | None = None
     """The snapshot to score with; by default the newest state of the model, also during a training."""
     budget: Annotated[int, Field(strict=True, ge=1, le=10_000), WHOLE] = 1
-    """Number of images that are still to be taken; some methods plan ahead."""
+    """Number of images that are still to be taken, for which `kriging` and `uniform` plan."""
     seed: Annotated[int, Field(strict=True, ge=0, le=2**31 - 1), WHOLE] = 0
+    """Seed of `random`, and on a GPU of `fisher` and `d-optimal`."""
     for_vehicle: VehicleName | None = None
     """The requesting vehicle, by the name in its visits: views that it flies to itself are not taken."""
 
@@ -215,7 +218,8 @@ class ScoredCandidate(Model):
 
     id: str
     score: Number | None
-    """Lower means that the model represents this view less well."""
+    """The lowest ranks first; what it means, its unit and its range depend on the method:
+    `docs/reference/methods.md`. Null where nothing could be scored."""
     status: CandidateStatus
     coverage: Number | None
     """The share of the view that the model covers; null when it was not rendered."""

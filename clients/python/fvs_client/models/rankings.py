@@ -133,7 +133,8 @@ class ScoredCandidate(Answer):
 
     id: str
     score: float | None
-    """Lower means that the model represents this view less well."""
+    """The lowest ranks first; what it means, its unit and its range depend on the method:
+    `docs/reference/methods.md`. None where nothing could be scored."""
     status: CandidateStatus
     coverage: float | None
     """Share of the view that the model fills; None when the view was not rendered."""
