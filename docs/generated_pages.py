@@ -1,6 +1,7 @@
 """Pages that are generated from the code when the site is built, so that they are never out of date.
 
-A hook of MkDocs (``hooks:`` in ``mkdocs.yml``).
+A hook of MkDocs (``hooks:`` in ``mkdocs.yml``). Pages that others link to begin with a file of the same
+name, which says where else their content is: links work in the repository, too.
 """
 
 import ast
@@ -28,26 +29,19 @@ ENGINE_PACKAGES = (
     "images",
     "geometry",
 )
-_ENGINE = """# Engine
+_CLIENT = """::: fvs_client
 
-`fvs_engine` is a plain library: no web, no database, no queue. The commands of `fvs` are thin: each calls one
-function of `fvs_engine.pipeline` or `fvs_engine.simulate`. Frames are those of [frames](../../how/frames.md);
-shapes, units and errors are in the docstrings. This page has the top-level modules; every package has a page.
-"""
+## The spool
 
-_SETTINGS = """# Settings
+[The spool](../how/spool.md) sends what a camera writes; these are its classes for programs.
 
-The service reads its settings from environment variables when it starts. When a value is not valid, or
-a name is no setting, `fvs serve` names the variable and does not start. A variable with the suffix `_FILE`
-names a file that has the value, which suits secrets: `FVS_DATABASE_URL_FILE=/run/secrets/database-url`.
-Units are in the names: `_S` is seconds, `_BYTES` bytes, `_PX` pixels.
-[Run the service](../operate/running.md#settings) has the settings that most installations need.
+::: fvs_client.spool
 """
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
     """Put every decision into the navigation."""
-    records = [f"adr/{path.name}" for path in sorted(Path(config.docs_dir).glob("adr/*.md"))]
+    records = [f"adr/{path.name}" for path in _records(Path(config.docs_dir) / "adr")]
     for section in config.nav or ():
         if "Decisions" in section:
             section["Decisions"] = ["adr/index.md", *records]
@@ -65,10 +59,15 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/fvs.md": commands("fvs", fvs),
         "reference/fvs-client.md": commands("fvs-client", fvs_client),
         "reference/settings.md": settings(),
+        "reference/client.md": _CLIENT,
         "adr/index.md": decisions(Path(config.docs_dir) / "adr"),
         **engine(Path(config.config_file_path).parent / "fvs_engine"),
     }
     for path, content in pages.items():
+        begun = files.get_file_from_path(path)
+        if begun is not None:
+            content = f"{begun.content_string}\n{content}"
+            files.remove(begun)
         files.append(File.generated(config, path, content=content))
     return files
 
@@ -87,7 +86,7 @@ def settings() -> str:
         else:
             groups["FVS_"][1][name] = field
     variables = {name: prefix + name.upper() for prefix, (_, fields) in groups.items() for name in fields}
-    lines = _SETTINGS.splitlines()
+    lines: list[str] = []
     for prefix, (kind, fields) in groups.items():
         lines += ["", f"## {prefix}…", "", "| variable | default | values | meaning |", "|---|---|---|---|"]
         for name, field in fields.items():
@@ -114,26 +113,23 @@ def _values(field: Json) -> str:
 
 def decisions(folder: Path) -> str:
     """The list of decisions, by their titles."""
-    lines = [
-        "# Decisions",
-        "",
-        "Short records: the context, what was decided, what was measured for it, and what follows from it.",
-        "",
-    ]
-    for path in sorted(folder.glob("*.md")):
+    lines: list[str] = []
+    for path in _records(folder):
         title = path.read_text(encoding="utf-8").split("\n", 1)[0].removeprefix("# ")
         number = int(path.name[:4])
         lines.append(f"- [{number}. {title.removeprefix(f'{number}. ')}]({path.name})")
     return "\n".join([*lines, ""])
 
 
+def _records(folder: Path) -> list[Path]:
+    """The records of decisions, without the page that lists them."""
+    return sorted(folder.glob("[0-9]*.md"))
+
+
 def commands(name: str, app: typer.Typer) -> str:
     """The reference of a command line: usage, arguments and options of every command."""
     group: Any = typer.main.get_command(app)
-    lines = [f"# {name}", "", _sentence(group.help), ""]
-    if name == "fvs":
-        lines += ["`-h` or `--help` after any command prints this reference.", ""]
-    lines += ["| command | what it does |", "|---|---|"]
+    lines = ["| command | what it does |", "|---|---|"]
     lines += [
         f"| [`{name} {inner}`](#{name}-{inner}) | {_cell(command.help)} |"
         for inner, command in group.commands.items()
@@ -177,10 +173,6 @@ def _options(context: Any, command: Any) -> Iterator[str]:
 def rest(document: Json) -> str:
     """The reference of the REST interface, from its OpenAPI document."""
     lines = [
-        "# REST",
-        "",
-        "Made from the OpenAPI document, which a running service serves at `/openapi.json`.",
-        "",
         document["info"]["description"].strip(),
         "",
         "| route | what it does |",
@@ -212,7 +204,7 @@ def rest(document: Json) -> str:
 
 def engine(folder: Path) -> dict[str, str]:
     """Pages of the engine's reference, by path: the modules at its top, and a page for each package."""
-    pages = {"reference/engine/index.md": "\n".join([_ENGINE, *_modules(folder, "fvs_engine")])}
+    pages = {"reference/engine/index.md": "\n".join(_modules(folder, "fvs_engine"))}
     for package in ENGINE_PACKAGES:
         summary = (
             ast.get_docstring(ast.parse((folder / package / "__init__.py").read_text("utf-8"))) or ""
