@@ -39,6 +39,9 @@ def main() -> None:
     parser.add_argument("--generator", choices=GENERATORS, help="generator of the candidates")
     options = parser.parse_args()
     signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the service is stopped then, too
+    if options.photographs is not None and not options.photographs.is_dir():
+        missing = "is not a folder" if options.photographs.exists() else "does not exist"
+        parser.error(f"{options.photographs} {missing}: give a folder of photographs")
     options.out.mkdir(parents=True, exist_ok=True)
     began = time.monotonic()
     with tempfile.TemporaryDirectory(prefix="fvs-demo-") as folder:

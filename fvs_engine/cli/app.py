@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fvs_engine.choices import CameraModel, Quality, RankingMethod, ViewGroup
+from fvs_engine.cli.command_group import Program
 from fvs_engine.cli.evaluate import evaluate
 from fvs_engine.cli.option_groups import with_option_groups
 from fvs_engine.cli.options import (
@@ -38,10 +39,11 @@ COMMANDS = "fvs.commands"
 """Entry point group: functions that are called with ``app`` and add commands to it."""
 
 app = typer.Typer(
-    help="Reconstruct photographs as 3D Gaussian splats, and rank the views to photograph next.",
+    cls=Program,
+    help="Reconstruct photographs as 3D Gaussian splats, and rank the views to photograph next.\n\n"
+    "Options may stand before or after the command.",
     epilog="Exit statuses: 0 done, 2 wrong usage, 130 stopped; the others: docs/reference/exit-statuses.md.",
     no_args_is_help=True,
-    add_completion=False,
     pretty_exceptions_enable=False,
     context_settings={"help_option_names": ["-h", "--help"]},
 )

@@ -1,7 +1,6 @@
 """Run one job of the engine from the command line: progress, Ctrl-C, errors, exit status."""
 
 import contextlib
-import json
 import logging
 import os
 import signal
@@ -13,6 +12,7 @@ from typing import NoReturn, TypeVar
 
 import typer
 
+from fvs_engine.cli.command_group import print_error
 from fvs_engine.cli.exit_codes import INTERRUPTED, exit_code_of
 from fvs_engine.cli.progress import Display, create_display
 from fvs_engine.errors import Cancelled, EngineError
@@ -38,8 +38,8 @@ def run_job(
 
     The job runs in a thread of its own, so that the main thread can handle signals while native code runs.
     The first SIGINT or SIGTERM requests the job to stop, the second ends the process at once. An
-    ``EngineError`` ends the program with its exit status and one clear message (with ``machine``, also as
-    JSON on stdout), and with its sentence of ``remedies``.
+    ``EngineError`` ends the program with its exit status and one clear message (with ``machine``, as JSON),
+    and with its sentence of ``remedies``.
     Warnings that the engine logs are shown as well.
     """
     outcome: list[_Result] = []
@@ -70,15 +70,14 @@ def run_job(
 def fail(error: EngineError, *, machine: bool, remedy: str = "") -> NoReturn:
     """Print the error, with one more ``remedy``, and end the program with its exit status.
 
-    With ``machine`` it is JSON, both on stderr, as all messages are, and on stdout.
+    It goes to stderr, with ``machine`` as JSON.
     """
     hint = f"{error.hint} {remedy}".strip()
     if machine:
-        document = {"code": error.code, "message": error.message, "hint": hint}
-        sys.stdout.write(json.dumps({"error": document}) + "\n")
-    lines = [str(error)] if isinstance(error, Cancelled) else [f"Error: {error.message}", hint]
-    for line in filter(None, lines):
-        sys.stderr.write((json.dumps({"message": line}) if machine else line) + "\n")
+        print_error(error.code, error.message, hint)
+    else:
+        lines = [str(error)] if isinstance(error, Cancelled) else [f"Error: {error.message}", hint]
+        sys.stderr.writelines(f"{line}\n" for line in filter(None, lines))
     raise typer.Exit(exit_code_of(error)) from error
 
 

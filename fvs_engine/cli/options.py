@@ -17,7 +17,7 @@ YEAR_S = 31_536_000
 
 JsonOption = Annotated[
     bool,
-    typer.Option("--json", help="Print the result as JSON on stdout, and progress as JSON lines on stderr."),
+    typer.Option("--json", help="Print the result as JSON; progress and errors as JSON on stderr."),
 ]
 
 

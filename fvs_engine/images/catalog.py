@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.files.folders import require_folder
 from fvs_engine.images.focal import focal_length_px
 from fvs_engine.images.limits import MIN_SIDE_PX, ImageLimits, UnusableImageError
 from fvs_engine.images.pixels import decode
@@ -148,12 +149,7 @@ def _examined(
 
 
 def _file_names(folder: Path, leave_out: Path | None) -> list[str]:
-    if not folder.exists():
-        raise InvalidInputError(f"The folder {folder} does not exist.", hint="Give a folder of photographs.")
-    if not folder.is_dir():
-        raise InvalidInputError(
-            f"{folder} is not a folder.", hint="Give the folder that holds the photographs."
-        )
+    require_folder(folder, "Give the folder that holds the photographs.")
     return sorted(_walk(folder, leave_out.resolve() if leave_out else None))
 
 

@@ -21,6 +21,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.files.folders import require_folder
 from fvs_engine.files.lock import locked_folder
 from fvs_engine.files.owned_folder import OwnedFolder
 from fvs_engine.files.record import read_record, write_record
@@ -115,11 +116,11 @@ class Workspace:
     @staticmethod
     def existing(root: Path) -> "Workspace":
         """The workspace at ``root``; raises ``InvalidInputError`` when there is none."""
-        workspace = Workspace(root)
+        workspace, hint = Workspace(root), "Run `fvs reconstruct IMAGES --out DIR` first and give its DIR."
+        require_folder(root, hint)
         if not workspace.manifest_path.is_file():
             raise InvalidInputError(
-                f"{root} is not the output of a reconstruction: it has no manifest.json.",
-                hint="Run `fvs reconstruct IMAGES --out DIR` first and give its DIR.",
+                f"{root} is not the output of a reconstruction: it has no manifest.json.", hint=hint
             )
         return workspace
 

@@ -10,6 +10,7 @@ from numpy.typing import NDArray
 from PIL import ExifTags, Image
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.files.folders import require_folder
 from fvs_engine.geometry import Camera
 from fvs_engine.images.catalog import SUFFIXES
 from fvs_engine.images.names import listed, match_files
@@ -65,8 +66,7 @@ def read_dataset(images: Path, colmap: Path | None = None, transforms: Path | No
     than their camera, and for photographs that their EXIF turns (their cameras would be ambiguous);
     ``StorageError`` when the model is damaged.
     """
-    if not images.is_dir():
-        raise InvalidInputError(f"{images} is not a folder.", hint="Give the folder of the photographs.")
+    require_folder(images, "Give the folder of the photographs.")
     if colmap is not None and transforms is None:
         source = find_colmap_model(colmap)
         model = open_colmap(source)

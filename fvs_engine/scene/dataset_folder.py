@@ -3,6 +3,7 @@
 from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.files.folders import require_folder
 from fvs_engine.scene.dataset import Dataset, read_dataset
 from fvs_engine.sfm.colmap.model import has_colmap_model
 
@@ -17,8 +18,7 @@ def open_dataset(folder: Path, colmap: Path | None = None, transforms: Path | No
     ``transforms.json``, else of a COLMAP model in ``reference``, ``sparse/0``, ``sparse`` or the folder
     itself. Raises ``InvalidInputError`` when there are none, and what ``read_dataset`` raises.
     """
-    if not folder.is_dir():
-        raise InvalidInputError(f"{folder} is not a folder.", hint="Give the folder of the dataset.")
+    require_folder(folder, "Give the folder of the dataset.")
     images = folder / "images" if (folder / "images").is_dir() else folder
     if colmap is not None and transforms is not None:
         raise InvalidInputError(

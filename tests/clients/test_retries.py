@@ -196,6 +196,17 @@ def test_silence_ends(script: Any) -> None:
         assert time.monotonic() - began < 1.0
 
 
+@pytest.mark.parametrize("end", ["/", "/v1", "/v1/"])
+def test_a_url_may_have_the_prefix_of_the_routes(
+    url: str, rpc_url: str, end: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    for service in (url, rpc_url):
+        monkeypatch.setenv("FVS_URL", service + end)
+        with Client() as client:
+            assert client.url == service
+            assert "v1" in client.capabilities().api
+
+
 def test_a_url_that_is_none_is_refused() -> None:
     for url in ("localhost:8000", "ftp://example.org", "http://"):
         with pytest.raises(ValueError, match="is not the URL"):

@@ -12,9 +12,9 @@ from urllib.parse import urlsplit
 
 import httpx2
 
-from fvs_client.default_url import DEFAULT_URL
 from fvs_client.errors import AnswerTimeoutError, ConnectionFailedError, FvsError, UnexpectedAnswerError
 from fvs_client.requests import Request
+from fvs_client.service_url import DEFAULT_URL, base_url
 
 RPC_SCHEMES = ("grpc", "grpcs")
 _CONNECT_TIMEOUT_S = 10.0
@@ -51,7 +51,7 @@ class Connection:
 
         Raises ``ValueError`` for an invalid URL, and for one of gRPC where the extra is not installed.
         """
-        chosen = (url or os.environ.get("FVS_URL") or DEFAULT_URL).rstrip("/")
+        chosen = base_url(url or os.environ.get("FVS_URL"))
         parts = urlsplit(chosen)
         if parts.scheme not in ("http", "https", *RPC_SCHEMES) or not parts.hostname:
             raise ValueError(f"{chosen!r} is not the URL of a service; an example is {DEFAULT_URL}")

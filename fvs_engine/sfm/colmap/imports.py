@@ -10,6 +10,7 @@ import numpy as np
 from PIL import Image
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.files.folders import require_folder
 from fvs_engine.files.json_input import read_json
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.geometry.cameras import Camera, DistortedCamera
@@ -28,13 +29,12 @@ def find_colmap_model(folder: Path) -> Path:
 
     Raises ``InvalidInputError`` when there is none.
     """
+    hint = "Give the folder with cameras, images and points3D (.bin or .txt), or the one above it."
+    require_folder(folder, hint)
     for candidate in (folder, folder / "sparse" / "0", folder / "sparse", folder / "0"):
         if has_colmap_model(candidate):
             return candidate
-    raise InvalidInputError(
-        f"{folder} holds no COLMAP model.",
-        hint="Give the folder with cameras, images and points3D (.bin or .txt), or the one above it.",
-    )
+    raise InvalidInputError(f"{folder} holds no COLMAP model.", hint=hint)
 
 
 def import_colmap(colmap_dir: Path, image_dir: Path | None = None) -> Reconstruction:

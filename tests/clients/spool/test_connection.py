@@ -210,6 +210,13 @@ def test_a_file_that_becomes_shorter_is_no_failure_of_the_link(peer: Callable[..
         connection.ask("PATCH", "/", {}, Part(io.BytesIO(b"short"), 0, 100))
 
 
+@pytest.mark.parametrize(
+    "url", ["http://host/fvs", "http://host/fvs/", "http://host/fvs/v1", "http://host/fvs/v1/"]
+)
+def test_a_url_may_have_the_prefix_of_the_routes(url: str) -> None:
+    assert Target.resolve(url, None).url == "http://host/fvs"
+
+
 @pytest.mark.parametrize("url", ["host:8000", "grpc://host:8001", "http://", "ftp://host"])
 def test_a_url_that_is_none_is_refused(url: str) -> None:
     with pytest.raises(SpoolError, match="not a URL that the spool can use"):

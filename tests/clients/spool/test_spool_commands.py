@@ -38,6 +38,7 @@ def test_the_command_is_found_among_the_options() -> None:
     assert command_of(["--url", "http://spool", "--api-key=k", "upload"]) == "upload"
     assert command_of(["--url=x", "--api-key", "k", "spool"]) == "spool"
     assert command_of(["--help"]) is None
+    assert command_of(["--json", "rank", "spool"]) is None
     assert command_of([]) is None
 
 

@@ -1,5 +1,6 @@
 """Every kind of bad input: one clear message that names the file and the remedy, and its own exit status."""
 
+import json
 import subprocess
 import sys
 from collections.abc import Callable
@@ -199,16 +200,21 @@ def test_nothing_left_to_train_on(fvs: Fvs, kermit_dir: Path, out: Path) -> None
     assert not out.exists()
 
 
-@pytest.mark.parametrize("command", ["rank", "render", "info"])
+@pytest.mark.parametrize("command", ["rank", "render", "plan", "info"])
 def test_commands_that_need_a_result(fvs: Fvs, tmp_path: Path, command: str) -> None:
-    _expect(fvs(command, tmp_path), "invalid-input", str(tmp_path), "fvs reconstruct IMAGES --out DIR")
+    remedy = "fvs reconstruct IMAGES --out DIR"
+    _expect(fvs(command, tmp_path), "invalid-input", f"{tmp_path} is not the output", remedy)
+    missing = tmp_path / "missing"
+    _expect(fvs(command, missing), "invalid-input", f"The folder {missing} does not exist", remedy)
 
 
 def test_errors_for_machines(fvs: Fvs, folder: Path, out: Path) -> None:
     run = fvs("reconstruct", folder, "--out", out, "--json")
     assert run.status == EXIT_CODES["no-images"]
-    assert run.document["error"]["code"] == "no-images"
-    assert run.document["error"]["hint"]
+    assert run.stdout == ""
+    error = json.loads(run.stderr.splitlines()[-1])["error"]
+    assert error["code"] == "no-images"
+    assert error["hint"]
 
 
 @pytest.mark.parametrize(

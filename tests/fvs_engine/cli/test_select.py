@@ -229,7 +229,7 @@ def test_a_time_limit_is_said(fvs: Fvs, room_dir: Path, tmp_path: Path) -> None:
         (("--budget", 5), "must not be less than initial"),
         (("--test-every", 1), "Every view would be held out"),
         (("--colmap", "a", "--transforms", "b"), "Poses can come from one source only"),
-        (("--colmap", "no/such/folder"), "holds no COLMAP model"),
+        (("--colmap", "no/such/folder"), "The folder no/such/folder does not exist"),
     ],
 )
 def test_bad_settings_are_named_before_anything_is_written(

@@ -61,5 +61,5 @@ def test_two_sources_and_none_are_refused(photographs: Path) -> None:
     with pytest.raises(InvalidInputError, match=r"neither transforms\.json nor a COLMAP model") as caught:
         open_dataset(photographs)
     assert "--colmap" in caught.value.hint
-    with pytest.raises(InvalidInputError, match="is not a folder"):
+    with pytest.raises(InvalidInputError, match="does not exist"):
         open_dataset(photographs / "nowhere")

@@ -5,6 +5,9 @@ from collections.abc import Sequence
 
 from fvs_client.cli.exit_codes import INTERRUPTED
 
+_OPTIONS = ("--url", "--api-key")
+"""The program's options that have a value."""
+
 
 def main() -> None:
     """Entry point of the ``fvs-client`` program."""
@@ -21,11 +24,14 @@ def main() -> None:
 
 
 def command_of(arguments: Sequence[str]) -> str | None:
-    """The command in ``arguments``: what follows the program's options, each of which has a value."""
+    """The command in ``arguments``, behind the program's options; None behind options of a command."""
     left = iter(arguments)
     for argument in left:
         if not argument.startswith("-"):
             return argument
-        if "=" not in argument:
+        option, equals, _ = argument.partition("=")
+        if option not in _OPTIONS:
+            return None
+        if not equals:
             next(left, None)
     return None

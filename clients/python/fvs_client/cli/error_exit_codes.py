@@ -1,6 +1,7 @@
 """Exit codes of errors of the client."""
 
-from fvs_client.cli.exit_codes import UNAVAILABLE
+from fvs_client.cli.errors import SceneNameError
+from fvs_client.cli.exit_codes import UNAVAILABLE, USAGE
 from fvs_client.errors import (
     ApiError,
     ConnectionFailedError,
@@ -24,6 +25,7 @@ _STATUSES: tuple[tuple[type[FvsError], int], ...] = (
     (JobFailedError, 7),
     (JobCanceledError, 8),
     (WaitTimeoutError, 9),
+    (SceneNameError, USAGE),
     (FvsError, 3),
 )
 

@@ -23,7 +23,6 @@ from fvs_client.cli.output import print_json
 from fvs_client.cli.poses import GeneratorName, generator_of, read_candidates
 from fvs_client.cli.program import Target
 from fvs_client.cli.session import find_scene, service
-from fvs_client.default_url import DEFAULT_URL
 from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.fence import Fence
 from fvs_client.fly.flight import Ending, Flight, FlightSettings
@@ -31,6 +30,7 @@ from fvs_client.fly.log import FlightLog
 from fvs_client.fly.photographs import Photographs
 from fvs_client.fly.survey import Survey
 from fvs_client.fly.vehicle import Vehicle
+from fvs_client.service_url import DEFAULT_URL
 from fvs_client.spool.errors import SpoolError
 
 _DONE = frozenset({Ending.BUDGET, Ending.BATTERY, Ending.STOPPED, Ending.GOOD_ENOUGH})

@@ -169,7 +169,7 @@ def _plan(path: Path) -> Plan:
     try:
         return Plan.model_validate_json(path.read_bytes())
     except OSError as error:
-        raise typer.BadParameter(f"{path} is no ranking's id, and cannot be read: {error}") from error
+        raise typer.BadParameter(f"{path} is no ranking's id, and no file: {error.strerror}.") from error
     except pydantic.ValidationError as error:
         reason = error.errors()[0]["msg"]
         raise typer.BadParameter(f"{path}: {reason}. `fvs-client plan --json` writes plans.") from error

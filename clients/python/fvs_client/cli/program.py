@@ -1,16 +1,18 @@
-"""The program ``fvs-client`` without its commands: the options before them."""
+"""The program ``fvs-client`` without its commands: the options of all of them."""
 
+import importlib.metadata
 from dataclasses import dataclass
 from typing import Annotated
 
 import typer
 
-from fvs_client.default_url import DEFAULT_URL
+from fvs_client.cli.command_group import Program
+from fvs_client.service_url import DEFAULT_URL
 
 
 @dataclass(frozen=True)
 class Target:
-    """The service that the options before the command name."""
+    """The service that the program's options name."""
 
     url: str | None
     api_key: str | None
@@ -19,12 +21,21 @@ class Target:
 def program() -> typer.Typer:
     """A new program, which has no command yet."""
     made = typer.Typer(
-        help="Upload images to an fvs service, update its model, and rank the next views to photograph.",
+        cls=Program,
+        help="Upload images to an fvs service, update its model, and rank the next views to photograph.\n\n"
+        "Options may stand before or after the command.",
         no_args_is_help=True,
         pretty_exceptions_enable=False,
+        context_settings={"help_option_names": ["-h", "--help"]},
     )
     made.callback()(_options)
     return made
+
+
+def _show_version(wanted: bool) -> None:
+    if wanted:
+        typer.echo(f"fvs-client {importlib.metadata.version('fvs-client')}")
+        raise typer.Exit
 
 
 def _options(
@@ -43,6 +54,9 @@ def _options(
             help="API key. Prefer the variable: arguments are visible to other users.",
         ),
     ] = None,
+    version: Annotated[  # noqa: ARG001
+        bool, typer.Option("--version", callback=_show_version, is_eager=True, help="Show the version.")
+    ] = False,
 ) -> None:
     """Connect to a service."""
     context.obj = Target(url, api_key)

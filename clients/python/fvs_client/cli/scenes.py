@@ -6,7 +6,7 @@ import typer
 
 from fvs_client.cli.options import JsonOption, SceneArgument, YesOption, within
 from fvs_client.cli.output import describe_metrics, print_json, print_table
-from fvs_client.cli.session import confirm, find_scene, service
+from fvs_client.cli.session import confirm, find_scene, require_free_name, service
 from fvs_client.models.scenes import (
     AutomaticWorld,
     CameraPrior,
@@ -64,7 +64,7 @@ def create(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Create a scene and print its id."""
+    """Create a scene and print its id. Its name must be new: commands take it in place of the id."""
     if origin is not None and local:
         raise typer.BadParameter("Give --origin or --local, not both.")
     world: World = AutomaticWorld()
@@ -79,6 +79,7 @@ def create(
         focal_px, width_px = focal_length
         camera = CameraPrior(focal_length_px=focal_px, width_px=width_px)
     with service(context, as_json=as_json) as client:
+        require_free_name(client, name)
         scene = client.scenes.create(name, world=world, camera=camera, policy=policy)
     if as_json:
         print_json(scene.model_dump(mode="json", by_alias=True))
@@ -174,6 +175,8 @@ def change(
         raise typer.BadParameter("Give --name, --every, --snapshots or --days.")
     with service(context, as_json=as_json) as client:
         found = find_scene(client, scene)
+        if name is not None and name != found.name:
+            require_free_name(client, name)
         policy = retention = None
         if every is not None:
             trigger = Trigger.EVERY_K_IMAGES if every else Trigger.ON_REQUEST

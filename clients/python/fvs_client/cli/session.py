@@ -1,17 +1,18 @@
 """The client of a command: connects to the service, and turns errors into messages and exit codes."""
 
-import json
 from collections.abc import Iterator
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 
 import typer
 
 from fvs_client import Client, Scene
+from fvs_client.cli.command_group import print_error
 from fvs_client.cli.error_exit_codes import exit_code_of
+from fvs_client.cli.errors import SceneNameError
 from fvs_client.cli.exit_codes import INTERRUPTED, USAGE
 from fvs_client.cli.program import Target
 from fvs_client.cli.wording import hint_in_options, in_options
-from fvs_client.errors import ApiError, FvsError, JobFailedError, NotFoundError, Problem
+from fvs_client.errors import ApiError, ForbiddenError, FvsError, JobFailedError, NotFoundError, Problem
 from fvs_client.retries import Retries
 
 _FEW_RETRIES = Retries(attempts=3, first_s=0.25)
@@ -38,7 +39,7 @@ def service(context: typer.Context, *, as_json: bool, patient: bool = False) -> 
             _print_file_error(error, as_json=as_json)
             raise typer.Exit(USAGE) from error
         except KeyboardInterrupt as error:
-            typer.echo("Interrupted. Jobs in the service continue.", err=True)
+            _print("interrupted", "Interrupted. Jobs in the service continue.", as_json=as_json)
             raise typer.Exit(INTERRUPTED) from error
 
 
@@ -53,9 +54,19 @@ def find_scene(client: Client, name: str) -> Scene:
         detail = f"There is no scene called {name!r}."
         hint = "`fvs-client scenes list` lists all; `fvs-client scenes create` creates one."
         raise NotFoundError(Problem(status=404, code=NotFoundError.code, detail=detail, hint=hint))
-    raise typer.BadParameter(
-        f"{len(found)} scenes are called {name!r}: {', '.join(scene.id for scene in found)}; give an id."
-    )
+    ids = ", ".join(scene.id for scene in found)
+    raise SceneNameError(f"{len(found)} scenes are called {name!r}.", hint=f"Give the id of one: {ids}.")
+
+
+def require_free_name(client: Client, name: str) -> None:
+    """Raise ``SceneNameError`` when a scene has this name: commands could not tell the two apart."""
+    with suppress(ForbiddenError):  # a key that may not list scenes
+        taken = [scene.id for scene in client.scenes.list() if scene.name == name]
+        if taken:
+            raise SceneNameError(
+                f"There is a scene called {name!r} already.",
+                hint=f"Use it, by its name or by its id, {', '.join(taken)}, or choose another name.",
+            )
 
 
 def confirm(question: str, *, yes: bool) -> None:
@@ -79,10 +90,14 @@ def _print_file_error(error: OSError, *, as_json: bool) -> None:
     message = str(error)
     if error.filename is not None and error.strerror is not None:
         message = f"{error.filename}: {error.strerror}."
+    _print("file-error", message if as_json else f"Error: {message}", as_json=as_json)
+
+
+def _print(code: str, message: str, *, as_json: bool) -> None:
     if as_json:
-        typer.echo(json.dumps({"error": {"code": type(error).__name__, "message": message}}), err=True)
+        print_error(code, message, "")
     else:
-        typer.echo(f"Error: {message}", err=True)
+        typer.echo(message, err=True)
 
 
 def _print_error(error: FvsError, command: str, *, as_json: bool) -> None:
@@ -92,17 +107,14 @@ def _print_error(error: FvsError, command: str, *, as_json: bool) -> None:
     fields = error.errors if isinstance(error, ApiError) else ()
     message, hint = in_options(error.message), hint_in_options(error.hint, fields, command)
     if as_json:
-        document = {
-            "error": {
-                "code": code,
-                "message": message,
-                "hint": hint,
-                "retryable": error.retryable,
-                "request_id": error.request_id,
-                "errors": [field.model_dump() for field in fields],
-            }
-        }
-        typer.echo(json.dumps(document, ensure_ascii=False), err=True)
+        print_error(
+            code,
+            message,
+            hint,
+            retryable=error.retryable,
+            request_id=error.request_id,
+            errors=[field.model_dump() for field in fields],
+        )
         return
     typer.echo(f"Error: {message}", err=True)
     for field in fields[1:]:  # the message has the first one, and so those of which it says the same

@@ -10,6 +10,7 @@ from typing import Annotated
 
 import typer
 
+from fvs_client.cli.command_group import print_error
 from fvs_client.cli.exit_codes import INTERRUPTED, SOME_FILES, UNAVAILABLE, USAGE
 from fvs_client.cli.options import JsonOption, TimeoutOption
 from fvs_client.cli.program import Target
@@ -188,7 +189,7 @@ def status(
 ) -> None:
     """Show what waits, what is being sent, and what was sent or refused."""
     path = _path(folder, outbox)
-    with _failures(), Outbox(path, create=False) as opened:
+    with _failures(as_json=as_json), Outbox(path, create=False) as opened:
         document = status_document(opened, folder)
     print_status(document, as_json=as_json)
 
@@ -272,25 +273,21 @@ def _end_at_sigterm() -> None:
 
 
 @contextmanager
-def _failures() -> Iterator[None]:
+def _failures(*, as_json: bool = False) -> Iterator[None]:
     """Print what keeps the spool from working, and end with its exit code."""
     import sqlite3
 
     try:
         yield
-    except SpoolError as error:
-        _say(f"Error: {error}")
-        if error.hint:
-            _say(error.hint)
-        raise typer.Exit(USAGE) from error
     except KeyboardInterrupt as error:
         _say("Interrupted. What waits stays in the outbox.")
         raise typer.Exit(INTERRUPTED) from error
-    except sqlite3.Error as error:
-        found = unusable(Path(FILE_NAME), error)
-        _say(f"Error: {found}")
-        _say(found.hint)
-        raise typer.Exit(USAGE) from error
-    except OSError as error:
-        _say(f"Error: {error}")
+    except (SpoolError, sqlite3.Error, OSError) as error:
+        found = unusable(Path(FILE_NAME), error) if isinstance(error, sqlite3.Error) else error
+        hint = found.hint if isinstance(found, SpoolError) else ""
+        if as_json:
+            print_error("spool-error", str(found), hint)
+        else:
+            for line in filter(None, (f"Error: {found}", hint)):
+                _say(line)
         raise typer.Exit(USAGE) from error

@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from typing import BinaryIO
 from urllib.parse import urlsplit
 
-from fvs_client.default_url import DEFAULT_URL
+from fvs_client.service_url import DEFAULT_URL, base_url
 from fvs_client.spool.answers import Answer
 from fvs_client.spool.errors import LinkError, SpoolError
 from fvs_client.spool.pace import Pace
@@ -34,7 +34,7 @@ class Target:
     @classmethod
     def resolve(cls, url: str | None, api_key: str | None) -> "Target":
         """Check a URL, by default that of this machine. Raises ``SpoolError``."""
-        chosen = (url or DEFAULT_URL).rstrip("/")
+        chosen = base_url(url)
         parts = urlsplit(chosen)
         if parts.scheme not in ("http", "https") or not parts.hostname:
             raise SpoolError(

@@ -75,8 +75,9 @@ class Outbox:
         self.path = path
         self._folder = os.fsencode(path.parent.resolve())
         if not create and not path.exists():
+            there = path.parent.exists()
             raise SpoolError(
-                f"There is no outbox in {path.parent}.",
+                f"There is no outbox in {path.parent}." if there else f"{path.parent} does not exist.",
                 hint="Give the folder that `fvs-client spool watch` or `add` was called with, or --outbox.",
             )
         try:
