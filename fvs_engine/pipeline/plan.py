@@ -108,6 +108,13 @@ def plan_next_views(
     if flight is not None and space is not None and flight.volume is not None:
         volume = read_volume(flight.volume)
         later = candidates_in(volume, flight.count, model.camera, up=_up(model), aim=flight.aim, space=space)
+        if len(later) < flight.count:
+            _log.warning(
+                "The volume has room for %s of the %s candidates. Give a larger volume, a smaller count, or "
+                "a shorter safety distance.",
+                f"{len(later):,}",
+                f"{flight.count:,}",
+            )
     else:
         later = candidates_of(model, candidates_file, most=MOST_CANDIDATES)
     served: tuple[PinholeView, ...] = ()

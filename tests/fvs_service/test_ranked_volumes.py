@@ -80,6 +80,21 @@ def test_candidates_of_a_volume_are_clear_of_matter_and_of_zones(gateway: Any, s
     assert (outside[:, 0] > 0.0).any()
 
 
+def test_fewer_candidates_than_requested_are_a_warning(gateway: Any, scene: str) -> None:
+    ball = {**SHELL, "inner": 0.0, "outer": 3.0}
+    zone = {"kind": "box", "centre": [-2.5, 0.0, 0.0], "size": [10.0, 100.0, 100.0]}  # free: 2.5 < x < 3
+    asked = {"generator": _in(ball, count=300), "no_fly": [zone]}
+    ranking = _rank(gateway, scene, **asked).json()
+    (warning,) = (one for one in ranking["warnings"] if one["code"] == "fewer-candidates")
+    assert 0 < ranking["total"] < 300
+    assert warning["message"] == f"The volume has room for {ranking['total']} of the 300 candidates."
+    vehicle = {"position": [2.9, 0.0, 0.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}
+    plan = gateway.client.post(f"/v1/scenes/{scene}/plans", json={**asked, "vehicles": [vehicle]}).json()
+    assert "fewer-candidates" in [one["code"] for one in plan["warnings"]]
+    enough = _rank(gateway, scene, generator=_in(ball, count=30)).json()
+    assert "fewer-candidates" not in [one["code"] for one in enough["warnings"]]
+
+
 def test_of_a_volume_what_is_beyond_the_radius_is_not_scored(gateway: Any, scene: str) -> None:
     gateway.runners.asked.clear()
     asked = {"generator": _in(SHELL, count=60), "current_pose": LOOK, "radius_m": 4.0}

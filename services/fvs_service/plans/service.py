@@ -14,7 +14,7 @@ from fvs_service.plans.in_world import via
 from fvs_service.plans.model import CandidateTerms, Expectation, Plan, PlanRequest, Stop, Tour
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings.in_model import clearance, views_in_volume
-from fvs_service.rankings.model import InVolume, Orbit
+from fvs_service.rankings.model import InVolume, Orbit, wanted_of
 from fvs_service.rankings.port import PlannedFlight, PlanViews, SceneRunners, UpdateQuality
 from fvs_service.rankings.pose_frames import in_world, poses_in
 from fvs_service.rankings.preparation import TakenPoses, taken_cameras
@@ -199,6 +199,8 @@ def _answer(prepared: _Prepared, flight: PlannedFlight) -> Plan:
             in_model=request.in_model,
             candidates=len(flight.generated or prepared.model_request.views),
             registrable=plan.registrable,
+            wanted=wanted_of(request.generator),
+            made=len(flight.generated),
             of_plan=plan.warnings,
         ),
     )

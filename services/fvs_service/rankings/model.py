@@ -93,6 +93,11 @@ class InVolume(Model):
         return self
 
 
+def wanted_of(generator: "Generator | None") -> int | None:
+    """The number of candidates that a generator is asked for and may not find; None without one."""
+    return generator.count if isinstance(generator, InVolume) else None
+
+
 Generator = Annotated[Orbit | Grid | Dataset | AroundCurrent | InVolume, Field(discriminator="kind")]
 SafetyDistance = Annotated[Number, Field(ge=0, le=MAX_COORDINATE_M)]
 Zones = Annotated[tuple[Volume, ...], Field(fail_fast=True), within(_MOST_ZONES)]

@@ -23,6 +23,7 @@ from fvs_service.rankings.model import (
     RankingPart,
     RankingRequest,
     ScoredCandidate,
+    wanted_of,
 )
 from fvs_service.rankings.port import RankedViews, RenderView, SceneRunners, ViewImage
 from fvs_service.rankings.pose_frames import in_world
@@ -237,6 +238,8 @@ class Rankings:
                 candidates=len(result.candidates),
                 registrable=result.registrable,
                 statuses=[one.status for one in result.candidates],
+                wanted=wanted_of(request.generator),
+                made=len(prepared.poses),
             ),
             created_at=now(),
         )

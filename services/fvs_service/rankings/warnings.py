@@ -21,6 +21,8 @@ class RankingWarningCode(StrEnum):
     """Hardly any candidate sees enough of what the images show to be registered."""
     NONE_FEASIBLE = "none-feasible"
     """No candidate has a rank: all are in matter, too close to it, or unlikely to be registered."""
+    FEWER_CANDIDATES = "fewer-candidates"
+    """The generator made fewer candidates than requested: the volume has no room for more."""
     VEHICLE_GROUNDED = "vehicle-grounded"
     """A vehicle of a plan gets no tour, because it cannot fly to any candidate."""
     UNREACHABLE = "unreachable"
@@ -65,12 +67,15 @@ def warnings_of(
     candidates: int,
     registrable: int | None,
     statuses: Iterable[CandidateStatus] = (),
+    wanted: int | None = None,
+    made: int = 0,
     of_plan: Sequence[PlanWarning] = (),
 ) -> tuple[RankingWarning, ...]:
     """The warnings on a ranking or a plan with this alignment.
 
     ``in_model``: all its poses are in the model frame. ``registrable`` of its ``candidates`` are likely to be
-    registered (None: that is not known). ``statuses``: those of a ranking's candidates.
+    registered (None: that is not known). ``statuses``: those of a ranking's candidates. A generator has
+    ``made`` candidates of those ``wanted`` (None: there is no number).
     ``of_plan``: the engine's warnings on a plan.
     """
     found = []
@@ -78,6 +83,14 @@ def warnings_of(
         found.append(_ILL_CONDITIONED)
     if alignment.status is AlignmentStatus.MODEL and alignment.positions > 0 and not in_model:
         found.append(_POSITIONS_UNUSED)
+    if wanted is not None and made < wanted:
+        found.append(
+            RankingWarning(
+                code=RankingWarningCode.FEWER_CANDIDATES,
+                message=f"The volume has room for {made} of the {wanted} candidates.",
+                hint="Give a larger volume, a smaller count, or a shorter safety_m.",
+            )
+        )
     few = few_registrable(registrable, candidates)
     if few is not None:
         code = RankingWarningCode.FEW_REGISTRABLE

@@ -159,6 +159,7 @@ class RankingWarning(Answer):
 
     code: str
     """`ill-conditioned`: the world frame may be turned about the line of the photographs.
+    `fewer-candidates`: the generator made fewer than requested: the volume has no room for more.
     `few-registrable`: hardly any candidate sees enough of what the images show to be registered.
     `none-feasible`: all candidates are in matter, too close to it, or unlikely to be registered.
     `positions-unused`: the images' positions contradict the model, so the world frame is the model's.
