@@ -1,9 +1,10 @@
 """The settings of the service: one frozen object."""
 
+import re
 from pathlib import Path
 from typing import Annotated, Literal
 
-from pydantic import BeforeValidator, Field, FilePath, ValidationInfo, field_validator
+from pydantic import AfterValidator, BeforeValidator, Field, FilePath, ValidationInfo, field_validator
 from pydantic_settings import (
     BaseSettings,
     NoDecode,
@@ -26,6 +27,16 @@ def _names(value: object) -> object:
         tuple(name.strip() for name in value.split(",") if name.strip()) if isinstance(value, str) else value
     )
 
+
+def _origin(name: str) -> str:
+    """A web origin as browsers send it."""
+    origin = name.rstrip("/").lower()
+    if re.fullmatch(r"https?://[^/?#@*\s]+", origin) is None:
+        raise ValueError(f"{name} is not an origin, such as https://console.example or http://127.0.0.1:3000")
+    return origin
+
+
+_Origin = Annotated[str, AfterValidator(_origin)]
 
 # Numbers beyond these have no sense, and some of them overflow clocks and timers.
 _Bytes = Annotated[int, Field(ge=1, le=1_000_000 * GIGABYTE)]
@@ -258,8 +269,8 @@ class Settings(BaseSettings):
     """Time for requests in progress to end when the service stops. Containers must be given 10 s more."""
     allowed_hosts: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_names)] = ()
     """Host names, besides those of loopback, under which the service may be reached, as behind a proxy."""
-    allowed_origins: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_names)] = ()
-    """Web origins, besides the service's own, whose pages may use the service."""
+    allowed_origins: Annotated[tuple[_Origin, ...], NoDecode, BeforeValidator(_names)] = ()
+    """Web origins, besides the service's own, whose pages may use the service (CORS)."""
     inspectors: _Processes = 2
     """Processes that decode uploaded images."""
     inspection_s: _Seconds = 60.0

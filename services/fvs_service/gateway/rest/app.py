@@ -33,6 +33,7 @@ from fvs_service.gateway.rest import (
 )
 from fvs_service.gateway.rest.body_guard import BodyGuard
 from fvs_service.gateway.rest.compression import Compression
+from fvs_service.gateway.rest.cross_origin import CrossOrigin
 from fvs_service.gateway.rest.middleware import RequestContext
 from fvs_service.gateway.rest.origins import OriginGuard
 from fvs_service.gateway.rest.refusal_guard import RefusalGuard
@@ -127,6 +128,8 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
     app.add_middleware(OriginGuard, settings=settings)
     app.add_middleware(TusProtocol)
     app.add_middleware(RequestContext, metrics=metrics, loop_lag=loop_lag, tracing=tracing, drain=drain)
+    if settings.allowed_origins:
+        app.add_middleware(CrossOrigin, origins=settings.allowed_origins)  # the outermost
     problems.install(app)
     bodies = []
     for module in (*_RESOURCES, service) if settings.rest else (service,):

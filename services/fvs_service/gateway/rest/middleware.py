@@ -15,7 +15,7 @@ from fvs_service.gateway.drain import Drain
 from fvs_service.gateway.log_fields import about, cause
 from fvs_service.gateway.loop_lag import LoopLag
 from fvs_service.gateway.request_id import request_id_of
-from fvs_service.gateway.rest.problems import problem_response
+from fvs_service.gateway.rest.problems import defect_response, problem_response
 from fvs_service.telemetry import Metrics
 from fvs_service.tracing import Span, Tracing
 
@@ -78,6 +78,10 @@ class RequestContext:
             except asyncio.CancelledError:  # the server stops, and this request took longer than it waits
                 if not responding:
                     await problem_response(Request(scope), stopping())(scope, receive, send_with_id)
+            except Exception as error:
+                if responding:
+                    raise  # the server cuts the connection
+                await defect_response(Request(scope), error)(scope, receive, send_with_id)
             finally:
                 seconds = time.perf_counter() - started
                 route = getattr(scope.get("route"), "path", "unknown")

@@ -25,7 +25,7 @@ class OriginGuard:
     def __init__(self, app: ASGIApp, settings: Settings) -> None:
         self._app = app
         self._hosts = frozenset(map(host_of, settings.allowed_hosts))
-        self._origins = frozenset(origin.rstrip("/").lower() for origin in settings.allowed_origins)
+        self._origins = frozenset(settings.allowed_origins)
         self._any_host = settings.keys_required is True and not settings.allowed_hosts
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:

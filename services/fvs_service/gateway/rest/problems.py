@@ -61,13 +61,12 @@ class Problem(Model):
 
 
 def install(app: FastAPI) -> None:
-    """Make ``app`` respond to every error with a problem document."""
+    """Make ``app`` respond to every error but a defect with a problem document."""
     app.add_exception_handler(ServiceError, _service_error)
     app.add_exception_handler(EngineError, _engine_error)
     app.add_exception_handler(RequestValidationError, _validation_error)
     app.add_exception_handler(HTTPException, _http_error)
     app.add_exception_handler(ClientDisconnect, _client_gone)
-    app.add_exception_handler(Exception, _unexpected_error)
 
 
 def problem_of(error: ServiceError, request_id: str) -> Problem:
@@ -152,7 +151,8 @@ def _allowed_methods(request: Request) -> list[str]:
     ]
 
 
-async def _unexpected_error(request: Request, error: Exception) -> JSONResponse:
+def defect_response(request: Request, error: Exception) -> JSONResponse:
+    """The response to a request that failed with ``error``, a defect, which is logged."""
     request_id = getattr(request.state, "request_id", "")
     _log.error("request failed", path=request.url.path, request_id=request_id, exc_info=error)
     return problem_response(
