@@ -29,7 +29,7 @@ _BLOCK = re.compile(
     re.DOTALL | re.MULTILINE,
 )
 _SERVICE = "http://127.0.0.1:8000"
-_COMMANDS, _SHOWN = {"bash", "python"}, {"text", "console", "json"}
+_COMMANDS, _SHOWN = {"bash", "python"}, {"text", "console", "javascript", "json"}
 _SMALLER = {
     "simulate yard --images 24": "simulate yard --images 6 --size 240x180",
     "simulate site --images 24": "simulate site --images 8 --size 240x180",
