@@ -29,6 +29,7 @@ from fvs_engine.plan.generate import MOST_CANDIDATES, Aim, candidates_in
 from fvs_engine.plan.kriging import variances
 from fvs_engine.plan.plan import make_plan
 from fvs_engine.plan.plan_records import Plan
+from fvs_engine.plan.plan_warnings import candidates_too_close
 from fvs_engine.plan.registrable import NEARER, few_registrable
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
@@ -36,6 +37,7 @@ from fvs_engine.plan.volumes import AnyVolume, volume_from_json
 from fvs_engine.records import Record
 from fvs_engine.scene.matter import matter_of
 from fvs_engine.score.appearance import with_appearance
+from fvs_engine.score.feasibility import FeasibilityCheck
 from fvs_engine.views import PinholeView
 
 Position = tuple[float, float, float]
@@ -121,8 +123,7 @@ def plan_next_views(
     if targets_file:
         served = read_candidates(targets_file, model.views, model.aliases, most=MOST_CANDIDATES)
     places = [np.array(start) for start in starts] or [model.training_views[-1].centre] * vehicles
-    most = MOST_CANDIDATES if space is None else MOST_PLACES - len(places)
-    given, later = len(later), considered(later, budget.views, most)
+    given, later = len(later), considered(later, budget.views, MOST_PLACES - len(places))
     if len(later) < given:
         _log.warning(
             "The plan considers %s of the %s candidates, drawn evenly: with all of them it would take too "
@@ -130,6 +131,9 @@ def plan_next_views(
             f"{len(later):,}",
             f"{given:,}",
         )
+    free = space or FreeSpace(matter_of(model.gaussians), monitor=monitor)
+    check = FeasibilityCheck(model.gaussians, model.training_views, model.observations)
+    given, later = len(later), check.assess(later, free, monitor).possible(later)
     if not served:
         served = (*model.views, *(view for view in later if view not in model.views))
     if not all(np.isfinite(start).all() for start in starts):
@@ -145,7 +149,7 @@ def plan_next_views(
     few = few_registrable(plan.registrable, len(later))
     if few is not None:
         _log.warning("%s %s", few, NEARER)
-    for warning in plan.warnings:
+    for warning in (*candidates_too_close(given - len(later), given), *plan.warnings):
         _log.warning("%s %s", warning.message, warning.hint)
     poses = {view.name: view for view in later}
     planned = [stop.name for tour in plan.tours for stop in tour.stops]

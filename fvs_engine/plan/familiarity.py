@@ -5,7 +5,7 @@ in its frame were seen from directions near its own, and a view that was planned
 bridge. Calibrated by ``benchmarks/registration.py`` (docs/adr/0031).
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import cache
 
@@ -49,7 +49,8 @@ class Familiarity:
 
     A point counts exp(−(a / ``ANGLE_RAD``)²), with the smallest angle a between the directions from the
     candidate and from a camera that saw it at no more than ``MOST_DISTANCE_RATIO`` times, and no less than
-    that part of, the distance. Of very many points an even share stands for all. Raises ``Cancelled``.
+    that part of, the distance. Of very many points an even share stands for all. ``visible`` tells for each
+    candidate which of the points [P, 3] in its frame nothing hides (None: all). Raises ``Cancelled``.
     """
 
     def __init__(
@@ -57,6 +58,7 @@ class Familiarity:
         observations: Observations,
         candidates: Sequence[PinholeView],
         monitor: Monitor | None = None,
+        visible: Sequence[Callable[[Array], Mask]] | None = None,
     ) -> None:
         monitor = monitor or Monitor()
         most = min(_MOST_POINTS, _MOST_PRODUCTS // max(1, len(candidates)))
@@ -64,13 +66,15 @@ class Familiarity:
         self._share = len(used) / len(observations.points) if len(used) else 1.0
         self._points = observations.points[used]
         self._centres = np.array([view.centre for view in candidates]).reshape(-1, 3)
-        number = np.full(len(observations.points), -1)
-        number[used] = np.arange(len(used))
-        seen_points = _SeenPoints(self._points, number[observations.observed_point], observations.seen_from)
+        numbers = np.full(len(observations.points), -1)
+        numbers[used] = np.arange(len(used))
+        seen_points = _SeenPoints(self._points, numbers[observations.observed_point], observations.seen_from)
         self._weights = np.zeros((len(candidates), len(used)), dtype=np.float32)
-        for weights, view in zip(self._weights, candidates, strict=True):
+        for number, (weights, view) in enumerate(zip(self._weights, candidates, strict=True)):
             monitor.check()
             inside = _in_frame(view, self._points)
+            if visible is not None:
+                inside[inside] = visible[number](self._points[inside])
             weights[inside] = seen_points.weights(inside, view.centre)
         self.counts = self._weights.sum(axis=1, dtype=np.float64) / self._share
         """Familiar points in the frame of every candidate [n]."""

@@ -90,7 +90,7 @@ class VehicleTour(Record):
 class PlanWarning(Record):
     """What limits a plan, and the remedy."""
 
-    code: Literal["vehicle-grounded", "unreachable", "same-pose", "nothing-in-view"]
+    code: Literal["vehicle-grounded", "unreachable", "same-pose", "nothing-in-view", "too-close"]
     message: str
     hint: str
 

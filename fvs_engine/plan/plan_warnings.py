@@ -6,6 +6,7 @@ import numpy as np
 
 from fvs_engine.plan.plan_records import PlanWarning, Term
 from fvs_engine.plan.planner import Mask
+from fvs_engine.plan.registrable import ELSEWHERE
 from fvs_engine.plan.route import Legs
 from fvs_engine.plan.tours import Budget, Tour, least_distance
 
@@ -50,6 +51,17 @@ def unreachable_candidates(count: int, legs: Legs, starts: Sequence[int]) -> Ite
             message=f"{missed:,} of the {count:,} candidates cannot be reached: no-fly zones or the model "
             "are in the way.",
             hint="Give a start on their side, smaller zones or a shorter safety distance.",
+        )
+
+
+def candidates_too_close(left_out: int, count: int) -> Iterator[PlanWarning]:
+    """How many of ``count`` candidates were left out because no camera can be there, if any."""
+    if left_out:
+        yield PlanWarning(
+            code="too-close",
+            message=f"{left_out:,} of the {count:,} candidates {'is' if left_out == 1 else 'are'} inside "
+            "matter, too close to it or in a no-fly zone, and not planned.",
+            hint=ELSEWHERE,
         )
 
 

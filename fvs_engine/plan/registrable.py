@@ -24,10 +24,8 @@ def few_registrable(registrable: int | None, candidates: int) -> str | None:
     )
 
 
-ELSEWHERE = (
-    "Give candidates farther from matter, and as near to the images as these are to each other; or rank all."
-)
-"""The remedy where no candidate is feasible."""
+ELSEWHERE = "Give candidates farther from matter, and as near to the images as these are to each other."
+"""The remedy where candidates are not feasible."""
 _AGAINST = {
     CandidateStatus.IN_MATTER: "inside matter",
     CandidateStatus.TOO_CLOSE: "too close to matter",
@@ -42,5 +40,7 @@ def none_feasible(statuses: Iterable[CandidateStatus]) -> str | None:
     counts = Counter(statuses)
     if not counts or counts.keys() - _AGAINST.keys():
         return None
-    reasons = ", ".join(f"{counts[status]} {reason}" for status, reason in _AGAINST.items() if counts[status])
-    return f"No candidate is ranked: of {counts.total()}, {reasons}."
+    reasons = ", ".join(
+        f"{counts[status]:,} {reason}" for status, reason in _AGAINST.items() if counts[status]
+    )
+    return f"None of the {counts.total():,} candidates is feasible: {reasons}."

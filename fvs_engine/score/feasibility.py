@@ -13,22 +13,24 @@ import torch
 
 from fvs_engine.candidates import CandidateStatus, RankedCandidate
 from fvs_engine.compilation.ahead import ensure_compiled
+from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.clearance import FreeSpace
 from fvs_engine.plan.familiarity import Familiarity, Observations
-from fvs_engine.score.estimate.nearness import Nearness, nearest_photographs
+from fvs_engine.plan.registrable import ELSEWHERE, none_feasible
+from fvs_engine.score.estimate.nearness import Look, Nearness, nearest_photographs
 from fvs_engine.score.parallel import map_in_order
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.views import PinholeView
 
-MOST_NEAR = 0.25
+MOST_NEAR = 0.5
 """Share of a view that may show the model from nearer than half the distance of the nearest photograph.
 
-On eight scenes at most 0.07 for the poses of photographs, and at least 0.27 for views that are fog
-(``benchmarks/first_views.py``, docs/adr/0049)."""
+On eight scenes at most 0.48 at the poses of photographs (``benchmarks/first_views.py``, docs/adr/0049)."""
 LEAST_CHANCE = 0.1
 """Probability of being registered below which a candidate is not ranked."""
 
+_IMPOSSIBLE = (CandidateStatus.IN_MATTER, CandidateStatus.TOO_CLOSE, CandidateStatus.NO_FLY)
 _CPU = torch.device("cpu")
 
 
@@ -47,6 +49,16 @@ class Assessment:
     def feasible(self, candidates: Sequence[PinholeView]) -> tuple[PinholeView, ...]:
         """Those of ``candidates`` that nothing is against."""
         return tuple(view for view in candidates if view.name not in self.against)
+
+    def possible(self, candidates: Sequence[PinholeView]) -> tuple[PinholeView, ...]:
+        """Those of ``candidates`` where a camera can be, also if its photograph can hardly be registered now.
+
+        Raises ``InvalidInputError`` where there is none.
+        """
+        kept = tuple(view for view in candidates if self.against.get(view.name) not in _IMPOSSIBLE)
+        if candidates and not kept:
+            raise InvalidInputError(none_feasible(self.against.values()) or "", hint=ELSEWHERE)
+        return kept
 
     def complete(
         self, ranked: Sequence[RankedCandidate], distances: Mapping[str, float] | None = None
@@ -96,16 +108,17 @@ class FeasibilityCheck:
         """
         monitor = monitor or Monitor()
         ensure_compiled("fvs_engine.score.estimate.warm_up", nearest_photographs, monitor)
-        near, blank = np.zeros(len(candidates), dtype=bool), np.zeros(len(candidates), dtype=bool)
         nearness = self._nearness
 
-        def shares(view: PinholeView) -> tuple[float, float]:
+        def look(view: PinholeView) -> Look:
             monitor.check()
-            return nearness.shares(view)
+            return nearness.look(view)
 
-        for done, (share, covered) in enumerate(map_in_order(shares, candidates, _CPU)):
-            near[done], blank[done] = share > MOST_NEAR, covered == 0.0
-            monitor.report("feasibility", done + 1, len(candidates))
+        looks: list[Look] = []
+        for found in map_in_order(look, candidates, _CPU):
+            looks.append(found)
+            monitor.report("feasibility", len(looks), len(candidates))
+        near = np.array([found.near > MOST_NEAR for found in looks], dtype=bool)
         centres = np.array([view.centre for view in candidates]).reshape(-1, 3)
         if space.safety > 0.0:
             near |= ~space.clear(centres)
@@ -114,7 +127,8 @@ class FeasibilityCheck:
         forbidden = ~space.allowed(centres)
         familiarity = None
         if self._observations is not None and len(self._observations.points):
-            familiarity = Familiarity(self._observations, candidates, monitor)
+            visible = [found.visible for found in looks]
+            familiarity = Familiarity(self._observations, candidates, monitor, visible)
         chances = None if familiarity is None else familiarity.probability()
         against: dict[str, CandidateStatus] = {}
         for index, view in enumerate(candidates):
@@ -124,7 +138,7 @@ class FeasibilityCheck:
                 against[view.name] = CandidateStatus.IN_MATTER
             elif near[index]:
                 against[view.name] = CandidateStatus.TOO_CLOSE
-            elif blank[index]:
+            elif looks[index].covered == 0.0:
                 against[view.name] = CandidateStatus.OUT_OF_MODEL
             elif chances is not None and chances[index] < LEAST_CHANCE:
                 against[view.name] = CandidateStatus.UNREGISTRABLE

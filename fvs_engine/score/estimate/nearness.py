@@ -17,15 +17,21 @@ from fvs_engine.score.estimate.cells import LEAST_CELL_PX, cover
 from fvs_engine.score.estimate.splat_table import SplatTable
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster.cpu import PackedView
-from fvs_engine.splat.raster.kernels.records import CENTER_X, CENTER_Y, DEPTH, RED
+from fvs_engine.splat.raster.kernels.records import CENTER_X, CENTER_Y, DEPTH, GREEN, RED
 from fvs_engine.views import PinholeView
 
 Floats = NDArray[np.float32]
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
 
 _CELLS = 24
 """Cells along the longer side of a view."""
 _MOST_PHOTOGRAPHS = 500
 """Of more photographs an even share stands for all, which bounds the time of a model to about a second."""
+_SOLID = np.float32(0.5)
+"""Opacity from which a cell hides what is behind it."""
+_BEHIND = 1.5
+"""Depth of a point, in depths of its cell, up to which it is visible: cells are coarse."""
 _BESIDE = F(0.1)
 """How far beside a frame, in shares of it, the centre of a Gaussian may be that is seen in it."""
 
@@ -52,6 +58,32 @@ def nearest_photographs(means: Floats, photographs: Floats) -> Floats:
 
 
 @dataclass(frozen=True, eq=False)
+class Look:
+    """What a view shows.
+
+    ``near`` and ``covered`` are the shares of it, in [0, 1], that show Gaussians from nearer than photographs
+    did, and any at all. ``depths`` [rows, columns] are those expected in its cells, infinite where most of a
+    cell is empty.
+    """
+
+    view: PinholeView
+    near: float
+    covered: float
+    depths: Floats
+
+    def visible(self, points: Array) -> Mask:
+        """Which of ``points`` [N, 3] in the frame of the view are not behind something."""
+        camera = self.view.camera
+        x, y, z = self.view.camera_from_model.apply(points).T
+        rows, columns = self.depths.shape
+        down = (camera.fy * y / z + camera.cy) / camera.height
+        across = (camera.fx * x / z + camera.cx) / camera.width
+        row = np.clip(rows * down, 0, rows - 1).astype(int)
+        column = np.clip(columns * across, 0, columns - 1).astype(int)
+        return np.asarray(z <= _BEHIND * self.depths[row, column])
+
+
+@dataclass(frozen=True, eq=False)
 class Nearness:
     """A model, and for every Gaussian the least distance from which it looks as its photographs saw it.
 
@@ -71,8 +103,8 @@ class Nearness:
         looks[:, 1] = nearest_photographs(table.columns[:3], frames) / F(MOST_DISTANCE_RATIO)
         return cls(replace(table, looks=looks))
 
-    def shares(self, view: PinholeView) -> tuple[float, float]:
-        """The shares of a view, in [0, 1], that show Gaussians from nearer than that, and any at all."""
+    def look(self, view: PinholeView) -> Look:
+        """What ``view`` shows."""
         width = _CELLS * LEAST_CELL_PX
         scale = width / max(view.camera.width, view.camera.height)
         camera = view.camera.resized(
@@ -83,10 +115,13 @@ class Nearness:
         down = (splats[:, CENTER_Y] - F(camera.cy)) / F(camera.fy)
         distances = splats[:, DEPTH] * np.sqrt(across**2 + down**2 + F(1))
         splats[:, RED] = distances < splats[:, RED]
+        splats[:, GREEN] = splats[:, DEPTH]
         size = (camera.width, camera.height)
         cells = cover(splats, size, F(LEAST_CELL_PX), np.empty(len(splats), np.float32))
-        near, covered = cells[1].mean(dtype=np.float64), 1.0 - cells[0].mean(dtype=np.float64)
-        return float(np.clip(near, 0.0, 1.0)), float(np.clip(covered, 0.0, 1.0))
+        opaque = 1.0 - cells[0]
+        depths = np.where(opaque > _SOLID, cells[2] / np.maximum(opaque, _SOLID), np.inf)
+        near, covered = (float(np.clip(cell.mean(dtype=np.float64), 0.0, 1.0)) for cell in (cells[1], opaque))
+        return Look(view, near, covered, depths.astype(np.float32))
 
 
 def _frame(view: PinholeView) -> Floats:

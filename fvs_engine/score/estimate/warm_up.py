@@ -24,7 +24,7 @@ def _estimate() -> None:
     camera = PinholeCamera(32, 24, 30.0, 30.0, 16.0, 12.0)
     view = PinholeView("view", camera, RigidTransform.identity())
     SplatTable.of(gaussians).estimate(view)
-    Nearness.of(gaussians, [view]).shares(view)
+    Nearness.of(gaussians, [view]).look(view)
 
 
 STEPS: tuple[Callable[[], None], ...] = (_estimate,)

@@ -63,6 +63,7 @@ class RankingWarningCode(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     RANKING_WARNING_CODE_NOTHING_IN_VIEW: _ClassVar[RankingWarningCode]
     RANKING_WARNING_CODE_NONE_FEASIBLE: _ClassVar[RankingWarningCode]
     RANKING_WARNING_CODE_FEWER_CANDIDATES: _ClassVar[RankingWarningCode]
+    RANKING_WARNING_CODE_TOO_CLOSE: _ClassVar[RankingWarningCode]
 
 class MissionFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -133,6 +134,7 @@ RANKING_WARNING_CODE_SAME_POSE: RankingWarningCode
 RANKING_WARNING_CODE_NOTHING_IN_VIEW: RankingWarningCode
 RANKING_WARNING_CODE_NONE_FEASIBLE: RankingWarningCode
 RANKING_WARNING_CODE_FEWER_CANDIDATES: RankingWarningCode
+RANKING_WARNING_CODE_TOO_CLOSE: RankingWarningCode
 MISSION_FORMAT_UNSPECIFIED: MissionFormat
 MISSION_FORMAT_QGC_PLAN: MissionFormat
 MISSION_FORMAT_QGC_WPL: MissionFormat

@@ -25,6 +25,8 @@ class RankingWarningCode(StrEnum):
     """The generator made fewer candidates than requested: the volume has no room for more."""
     VEHICLE_GROUNDED = "vehicle-grounded"
     """A vehicle of a plan gets no tour, because it cannot fly to any candidate."""
+    TOO_CLOSE = "too-close"
+    """Some candidates of a plan are inside matter, too close to it or in a no-fly zone, and not planned."""
     UNREACHABLE = "unreachable"
     """No way leads to some candidates of a plan: no-fly zones or the model are in the way."""
     SAME_POSE = "same-pose"

@@ -164,6 +164,7 @@ class RankingWarning(Answer):
     `none-feasible`: all candidates are in matter, too close to it, or unlikely to be registered.
     `positions-unused`: the images' positions contradict the model, so the world frame is the model's.
     Of plans only: `vehicle-grounded`: a vehicle gets no tour, because it cannot fly to any candidate;
+    `too-close`: some candidates are inside matter or too close to it, and not planned;
     `unreachable`: no way leads to some candidates; `same-pose`: some have the pose of another;
     `nothing-in-view`: no planned view shows anything of the model."""
     message: str

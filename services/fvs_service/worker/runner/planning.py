@@ -12,11 +12,13 @@ from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.generate import Aim, candidates_in
 from fvs_engine.plan.kriging import variances
 from fvs_engine.plan.plan import make_plan
+from fvs_engine.plan.plan_warnings import candidates_too_close
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
 from fvs_engine.score.appearance import with_appearance
 from fvs_engine.views import PinholeView
 from fvs_service.rankings.port import (
+    Clearance,
     GeneratedViews,
     GenerateViews,
     PlannedFlight,
@@ -38,15 +40,14 @@ def generate_views(request: GenerateViews, state: ModelState, monitor: Monitor) 
 
 def plan_views(request: PlanViews, state: ModelState, monitor: Monitor) -> PlannedFlight:
     """Plan a flight; raises ``InvalidInputError`` for what cannot be flown, and ``Cancelled``."""
-    space: FreeSpace | None = None
-    generated: tuple[PinholeView, ...] = ()
-    if request.clearance is not None:
-        space = FreeSpace(state.matter, request.clearance.safety, request.clearance.no_fly, monitor=monitor)
-    if request.generate is not None:
-        generated = _generated(request.generate, space or FreeSpace(state.matter, monitor=monitor))
+    clearance = request.clearance or Clearance()
+    space = FreeSpace(state.matter, clearance.safety, clearance.no_fly, monitor=monitor)
+    generated = () if request.generate is None else _generated(request.generate, space)
+    given = generated or request.views
+    candidates = state.feasibility.assess(given, space, monitor).possible(given)
     targets = Targets(
         state.visited,
-        generated or request.views,
+        candidates,
         request.targets,
         state.observations,
         taken=request.taken,
@@ -56,10 +57,11 @@ def plan_views(request: PlanViews, state: ModelState, monitor: Monitor) -> Plann
     by_image = dict(zip((view.image for view in state.cameras.views), state.visited, strict=True))
     seen = _seen(request.updates, by_image, targets.spread)
     budget = Budget(request.budget, request.distance, request.home, scale=request.scale)
-    legs = None if space is None else free_legs(targets.centres, np.stack(starts), space)
+    legs = None if request.clearance is None else free_legs(targets.centres, np.stack(starts), space)
     plan = make_plan(targets, budget, starts, seen, legs, monitor)
     shown = with_appearance(plan, targets.later, state.gaussians, monitor)
-    return PlannedFlight(plan=shown, generated=generated)
+    warnings = (*candidates_too_close(len(given) - len(candidates), len(given)), *shown.warnings)
+    return PlannedFlight(plan=shown.model_copy(update={"warnings": warnings}), generated=generated)
 
 
 def _generated(wanted: ViewsInVolume, space: FreeSpace) -> tuple[PinholeView, ...]:
