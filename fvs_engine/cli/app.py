@@ -89,7 +89,10 @@ def reconstruct(
     images: Annotated[Path, typer.Argument(metavar="IMAGES", help="A folder of photographs.")],
     out: OutOption,
     quality: Annotated[
-        Quality, typer.Option(help="coarse: quick, SH degree 0; fine: the final quality, SH degree 3.")
+        Quality,
+        typer.Option(
+            help="coarse: quick, colours do not depend on the view; fine: the final quality, they do."
+        ),
     ] = "coarse",
     iterations: Annotated[
         int | None,
@@ -130,7 +133,8 @@ def reconstruct(
     gps: Annotated[
         bool,
         typer.Option(
-            "--gps/--no-gps", help="Use the GPS positions in EXIF; ignore them where they are wrong."
+            "--gps/--no-gps",
+            help="Use the GPS positions in EXIF; --no-gps ignores them, for example because they are wrong.",
         ),
     ] = True,
     test_every: Annotated[
@@ -141,7 +145,11 @@ def reconstruct(
     ] = 8,
     seed: Annotated[
         int,
-        typer.Option(min=0, max=MAX_SEED, help="The same cameras and seed train the same model on the CPU."),
+        typer.Option(
+            min=0,
+            max=MAX_SEED,
+            help="Seed of the training: the same cameras and seed train the same model on the CPU.",
+        ),
     ] = 0,
     overwrite: Annotated[
         bool, typer.Option("--overwrite", help="Delete an earlier result in DIR and start again.")
@@ -191,7 +199,10 @@ def rank(
     ] = None,
     method: Annotated[
         RankingMethod,
-        typer.Option(help="…-fast: only the first K (or 10) scores are exact. …-estimate: none is."),
+        typer.Option(
+            help="How candidates are scored: with -fast only the first K (or 10) scores are exact, with "
+            "-estimate none is."
+        ),
     ] = "median-frequency",
     safety: Annotated[
         float,

@@ -83,7 +83,7 @@ def evaluate(
             min=1,
             max=100,
             metavar="N",
-            help="Number of models to train of each final set of views; their mean counts.",
+            help="Number of models to train from each final set of views; the report has their mean.",
             show_default="1",
         ),
     ] = None,
@@ -96,7 +96,8 @@ def evaluate(
 ) -> None:
     """Compare selectors: a table of selectors × seeds, with means, confidence intervals and plots.
 
-    With --max-travel a run ends when the next view would exceed it, and is measured at each quarter of it.
+    With --max-travel a run ends before the view that would exceed it, and the models are measured at each
+    quarter of the travel.
 
     After a stop, the same command resumes. Further methods and seeds are added to those in DIR.
     """

@@ -124,7 +124,8 @@ class LoopOptions:
             min=1,
             max=MAX_VEHICLES,
             metavar="N",
-            help="Vehicles, all at the last initial view; always the one that has flown least is next.",
+            help="Number of vehicles, which all start at the last initial view; the one that has flown least "
+            "is next.",
             show_default="1",
         ),
     ] = None

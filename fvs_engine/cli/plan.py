@@ -67,7 +67,7 @@ def plan(
             min=1,
             max=MAX_VEHICLES,
             metavar="K",
-            help="Number of vehicles; without a --start for each all are at the last photograph.",
+            help="Number of vehicles; they start at the last photograph, unless each has a --start.",
         ),
     ] = 1,
     start: Annotated[
@@ -113,7 +113,7 @@ def plan(
         ),
     ] = None,
     level: Annotated[
-        bool, typer.Option("--level", help="Candidates in a volume look there with a level camera.")
+        bool, typer.Option("--level", help="Keep the camera of candidates in a volume level.")
     ] = False,
     safety: Annotated[
         float | None,
@@ -132,10 +132,10 @@ def plan(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Plan which views to photograph next, in the order of a short flight, and what each brings.
+    """Plan which views to photograph next, in the order of a short flight, and say what each adds.
 
-    Without --candidates: the held-out views, and poses halfway between neighbouring training views. Without
-    --targets the model must serve all views and candidates. Nothing is rendered.
+    Without --candidates it plans with the held-out views, and with poses halfway between neighbouring
+    training views. Without --targets the model must serve all views and candidates. Nothing is rendered.
     """
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job

@@ -77,7 +77,7 @@ def select(
             min=0,
             max=100,
             metavar="DB",
-            help="End when no view in reach is expected to add that much.",
+            help="End when no view in reach is expected to add as much as this.",
         ),
     ] = None,
     loop: LoopOptions,
@@ -85,7 +85,8 @@ def select(
 ) -> None:
     """Select views of a dataset: train, choose the next view, visit it, repeat.
 
-    Poses come from DATASET (transforms.json, a COLMAP model in reference or sparse/0) or from an option.
+    Poses come from DATASET (transforms.json, or a COLMAP model in reference or sparse/0), or from --colmap
+    or --transforms.
 
     After a stop, the same command resumes. With --poses sfm and --threads above 1 runs may differ.
     """

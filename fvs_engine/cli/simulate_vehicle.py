@@ -22,7 +22,9 @@ _SIZE = (640, 480)
 
 
 def simulate_vehicle(
-    photographs: Annotated[Path, typer.Argument(metavar="DIR", help="Where its camera writes photographs.")],
+    photographs: Annotated[
+        Path, typer.Argument(metavar="DIR", help="Folder that the camera writes its photographs to.")
+    ],
     listen: Annotated[
         str, typer.Option(metavar="HOST:PORT", help="Where ground stations connect, with MAVLink over TCP.")
     ] = "127.0.0.1:5760",
@@ -67,7 +69,7 @@ def simulate_vehicle(
         Path | None,
         typer.Option(
             metavar="FILE",
-            help="Append where each photograph was really taken, as lines of JSON.",
+            help="Append the true pose of each photograph to a file, as lines of JSON.",
             show_default=False,
         ),
     ] = None,
@@ -87,7 +89,9 @@ def simulate_vehicle(
     ] = False,
     shutter: Annotated[
         float,
-        typer.Option(min=0.0, max=1.0, metavar="S", help="Exposure time; motion in it blurs the photograph."),
+        typer.Option(
+            min=0.0, max=1.0, metavar="S", help="Exposure time; motion during it blurs the photograph."
+        ),
     ] = 0.004,
     gps_noise: Annotated[
         float,
@@ -98,7 +102,9 @@ def simulate_vehicle(
     ] = 0.5,
     wind: Annotated[
         str,
-        typer.Option(metavar=_WIND_FORM, help="Velocity of the wind, in the direction it blows to, in m/s."),
+        typer.Option(
+            metavar=_WIND_FORM, help="Velocity of the wind in m/s, in the direction that it blows to."
+        ),
     ] = "0,0",
     gusts: Annotated[
         float, typer.Option(min=0.0, max=30.0, metavar="M/S", help="Standard deviation of the wind.")
@@ -116,16 +122,16 @@ def simulate_vehicle(
             min=0,
             max=1_000_000,
             metavar="N",
-            help="Photograph N, counted from 0, fails; may be repeated.",
+            help="Let photograph N, counted from 0, fail; may be repeated.",
             show_default=False,
         ),
     ] = None,
     seed: Annotated[int, typer.Option(min=0, max=MAX_SEED, help="Seed of the world and all errors.")] = 0,
 ) -> None:
-    """Simulate a copter with a camera, until Ctrl-C; it speaks MAVLink as ArduPilot's or PX4's do.
+    """Simulate a copter with a camera, until Ctrl-C; it speaks MAVLink as ArduPilot or PX4 does.
 
     It flies over a made-up courtyard, or in a model of real photographs (--replay). Photographs have the
-    receiver's fix in EXIF and a sidecar. Needs the extra `simulate`.
+    position of the GPS receiver in EXIF and in a JSON file beside them. Needs the extra `simulate`.
     """
     try:
         from fvs_engine.simulate.mavlink.autopilot import Autopilot

@@ -33,7 +33,7 @@ def doctor(
 
     It finds blobs without rows, rows without blobs, folders without a scene, unfinished deletions and jobs
     of lost workers, and says whether requests need a key, and whether the extra aliked is installed.
-    Without a database that answers it examines what needs none. It may run beside the service.
+    If the database does not answer, it checks what does not need it. It may run beside the service.
     Without --repair it changes nothing. The exit status is 0 when nothing is found, else 13.
     """
     from fvs_engine.sfm.aliked.weights_file import INSTALL, aliked_weights

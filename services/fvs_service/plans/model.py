@@ -71,14 +71,14 @@ class PlanRequest(Model):
     targets: _Candidates | None = None
     """Poses that the model must serve well; by default those of the registered images and the candidates."""
     views: Annotated[int, Field(strict=True, ge=1, le=100), WHOLE] = 10
-    """How many photographs, at most, of all vehicles together."""
+    """Maximum number of photographs, of all vehicles together."""
     distance_m: Length | None = None
-    """How far each vehicle flies, at most; by default as far as it takes."""
+    """Maximum distance that each vehicle flies; without it there is no limit."""
     home: bool = False
-    """Whether each vehicle flies back to where it is now, which counts."""
+    """Whether each vehicle flies back to where it is now; the way back counts towards `distance_m`."""
     safety_m: SafetyDistance | None = None
-    """Keep so far from matter, which the model's opaque Gaussians show, also on the way. With it, `no_fly` or
-    a volume, legs go around what is in the way; else they are straight."""
+    """Minimum distance from matter, which is what the model shows to be solid, at the stops and on the way.
+    With `safety_m`, `no_fly` or a volume the way goes around obstacles; otherwise it is straight."""
     no_fly: Zones = ()
     """Volumes of the world frame to stay out of, at most 20."""
     vehicles: _Vehicles | None = None
@@ -121,7 +121,8 @@ class Expectation(Model):
     """The variance of the targets, and the PSNR to expect of their renders."""
 
     variance: Number
-    """The mean kriging variance of the targets: 1 where no image is near, towards 0 among many."""
+    """The mean kriging variance of the targets, which says how little is known of them: 1 where no image is
+    near, close to 0 among many images."""
     psnr_db: Number | None
     """The expected mean PSNR; null until three updates have measured their new images."""
     low_db: Number | None
@@ -143,17 +144,18 @@ class Expectation(Model):
 
 
 class Stop(Model):
-    """A candidate to photograph, with its distance from the stop before, and that of the whole way."""
+    """A candidate to photograph; `distance_m` is the way from the stop before, `travel_m` from the start."""
 
     id: str
     pose: FramePose | VehiclePose
     distance_m: Number
     travel_m: Number
     after: Expectation
-    """What to expect once this and all earlier stops, also of other vehicles, were photographed."""
+    """What to expect once this stop and all earlier ones, those of other vehicles included, have been
+    photographed."""
     via: tuple[FramePose | VehiclePose, ...] = ()
-    """Where to pass on the way to it, in order, where something is in the straight line; with the orientation
-    of the stop."""
+    """Poses to pass on the way to it, in order, when something is in the straight line; they have the
+    orientation of the stop."""
 
 
 class Tour(Model):
@@ -164,7 +166,7 @@ class Tour(Model):
     length_m: Number
     """The length of the flight, home included if requested."""
     via_home: tuple[FramePose | VehiclePose, ...] = ()
-    """Where to pass on the way home, as `via` of a stop; with the orientation of the last stop."""
+    """Poses to pass on the way home, as in `via` of a stop; they have the orientation of the last stop."""
 
 
 class CandidateTerms(Model):

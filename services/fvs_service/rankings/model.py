@@ -160,13 +160,13 @@ class RankingRequest(Model):
     radius_m: Length | None = None
     """Exclude candidates that are farther from the current pose."""
     safety_m: SafetyDistance | None = None
-    """The least distance of candidates from matter, which the opaque Gaussians of the model show. Without it,
-    half the distance from which the nearest photographs saw it."""
+    """Minimum distance of candidates from matter, which is what the model shows to be solid. By default half
+    of the distance from which the nearest photographs saw that matter."""
     no_fly: Zones = ()
     """Volumes of the world frame that candidates stay out of, at most 20."""
     rank_all: bool = False
-    """Rank candidates also where something is against them, which stays their status: `in-matter`,
-    `too-close`, `no-fly` or `unregistrable`."""
+    """Rank also candidates that are `in-matter`, `too-close`, `no-fly` or `unregistrable`; they keep that
+    status."""
     frame: PoseFrame | None = None
     """The frame of the poses in the answer. Defaults to the frame of the candidates, else of the
     current pose, else to geodetic poses in a georeferenced scene and the world frame in others."""
@@ -182,7 +182,8 @@ class RankingRequest(Model):
     seed: Annotated[int, Field(strict=True, ge=0, le=2**31 - 1), WHOLE] = 0
     """Seed of `random`, and on a GPU of `fisher` and `d-optimal`."""
     for_vehicle: VehicleName | None = None
-    """The requesting vehicle, by the name in its visits: views that it flies to itself are not taken."""
+    """Name of the requesting vehicle, as in its visits: the views that it flies to itself are not `taken` for
+    it."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

@@ -57,7 +57,7 @@ class VisitReport(Model):
     views: Annotated[tuple[CandidateRequest, ...], Field(min_length=1, fail_fast=True), within(_MOST_VIEWS)]
     """Candidates of a ranking or of a plan, at most 100."""
     expires_in_s: Annotated[int, Field(strict=True, ge=1, le=86_400), WHOLE] = 600
-    """The report counts for so long, unless it is repeated: a vehicle that is lost blocks no view."""
+    """The report counts for this time, unless it is repeated, so that a lost vehicle blocks no view."""
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:

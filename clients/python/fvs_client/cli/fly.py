@@ -49,7 +49,10 @@ def fly(
     photographs: Annotated[
         Path,
         typer.Option(
-            exists=True, file_okay=False, metavar="FOLDER", help="Where the camera writes its photographs."
+            exists=True,
+            file_okay=False,
+            metavar="FOLDER",
+            help="Folder that the camera writes its photographs to.",
         ),
     ],
     system: Annotated[
@@ -65,14 +68,17 @@ def fly(
     unchecked: Annotated[
         bool,
         typer.Option(
-            "--unchecked", help="Fly also without a camera, a gimbal and a battery that it reports."
+            "--unchecked", help="Fly even if the vehicle reports no camera, no gimbal or no battery."
         ),
     ] = False,
     name: Annotated[
-        str, typer.Option(metavar="NAME", help="The vehicle's name: others leave its views out.")
+        str,
+        typer.Option(
+            metavar="NAME", help="Name of the vehicle; rankings for other vehicles leave its views out."
+        ),
     ] = "vehicle-1",
     views: Annotated[
-        int, typer.Option(min=1, max=10_000, metavar="N", help="How many photographs in all.")
+        int, typer.Option(min=1, max=10_000, metavar="N", help="Number of photographs of the whole flight.")
     ] = 20,
     leg: Annotated[
         int,
@@ -96,7 +102,7 @@ def fly(
         GeneratorName | None, typer.Option(help="Generator of candidates.", show_default="orbit")
     ] = None,
     count: Annotated[
-        int | None, typer.Option(min=1, max=2_000, help="Number of candidates of orbit and around-current.")
+        int | None, typer.Option(min=1, max=2_000, help="Number of candidates for orbit and around-current.")
     ] = None,
     candidates: Annotated[
         Path | None,
@@ -116,19 +122,27 @@ def fly(
         ),
     ] = None,
     survey_views: Annotated[
-        int, typer.Option(min=3, max=200, metavar="N", help="Photographs of the survey.")
+        int, typer.Option(min=3, max=200, metavar="N", help="Number of photographs of the survey.")
     ] = 8,
     survey_target: Annotated[
         float,
-        typer.Option(min=-1_000, max=10_000, metavar="M", help="The height above home that it looks at."),
+        typer.Option(
+            min=-1_000,
+            max=10_000,
+            metavar="M",
+            help="Height above home of the point that the survey looks at.",
+        ),
     ] = 0.0,
     survey_arc: Annotated[
-        float, typer.Option(min=1, max=360, metavar="DEG", help="The part of the circle that it flies.")
+        float, typer.Option(min=1, max=360, metavar="DEG", help="Part of the circle that the survey flies.")
     ] = 100.0,
     survey_start: Annotated[
         float,
         typer.Option(
-            min=-360, max=360, metavar="DEG", help="Where it begins, clockwise from north of the point."
+            min=-360,
+            max=360,
+            metavar="DEG",
+            help="Where the survey begins, clockwise from north of the point.",
         ),
     ] = 0.0,
     reserve: Annotated[

@@ -43,7 +43,7 @@ AimOption = Annotated[
     ),
 ]
 LevelOption = Annotated[
-    bool, typer.Option("--level", help="Candidates in a volume look there with a level camera.")
+    bool, typer.Option("--level", help="Keep the camera of candidates in a volume level.")
 ]
 NoFlyOption = Annotated[
     list[Path] | None,

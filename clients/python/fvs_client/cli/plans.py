@@ -41,7 +41,7 @@ def plan(
     ] = None,
     count: Annotated[
         int | None,
-        typer.Option(min=1, max=2_000, help="Number of candidates that orbit and --volume generate."),
+        typer.Option(min=1, max=2_000, help="Number of candidates for orbit and --volume."),
     ] = None,
     volume: VolumeOption = None,
     aim: AimOption = None,
@@ -93,7 +93,7 @@ def plan(
     ] = None,
     as_json: JsonOption = False,
 ) -> None:
-    """Plan which views to photograph next, in the order of a short flight, and what each brings."""
+    """Plan which views to photograph next, in the order of a short flight, and say what each adds."""
     wanted = generator_asked(candidates, generator, count, volume, aim, level=level)
     listed, served = read_candidates(candidates), read_candidates(targets)
     vehicles = [read_pose(path) for path in vehicle] if vehicle else None

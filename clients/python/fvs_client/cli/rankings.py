@@ -44,7 +44,7 @@ def rank(
     ] = None,
     count: Annotated[
         int | None,
-        typer.Option(min=1, max=2_000, help="Candidates that orbit, around-current and --volume generate."),
+        typer.Option(min=1, max=2_000, help="Number of candidates for orbit, around-current and --volume."),
     ] = None,
     volume: VolumeOption = None,
     aim: AimOption = None,
@@ -90,9 +90,14 @@ def rank(
         str | None, typer.Option(metavar="ID", help="Snapshot to rank on.", show_default="the latest")
     ] = None,
     budget: Annotated[
-        int, typer.Option(min=1, max=10_000, help="Number of photographs still to be taken.")
+        int,
+        typer.Option(
+            min=1,
+            max=10_000,
+            help="Number of photographs still to be taken, for which kriging and uniform plan.",
+        ),
     ] = 1,
-    seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Seed of random methods.")] = 0,
+    seed: Annotated[int, typer.Option(min=0, max=2**31 - 1, help="Seed of the method random.")] = 0,
     for_vehicle: ForVehicleOption = None,
     renders: Annotated[
         Path | None,

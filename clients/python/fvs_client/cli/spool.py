@@ -98,7 +98,14 @@ MaxDiskOption = Annotated[
 ]
 NumbersOption = Annotated[
     list[int] | None,
-    typer.Option("--number", min=1, max=2**53, metavar="N", help="Only this one.", show_default="all"),
+    typer.Option(
+        "--number",
+        min=1,
+        max=2**53,
+        metavar="N",
+        help="Only the photograph with this number.",
+        show_default="all",
+    ),
 ]
 
 
@@ -113,7 +120,7 @@ def watch(
     delete_sent: DeleteSentOption = False,
     max_disk: MaxDiskOption = None,
 ) -> None:
-    """Take what a camera writes to a folder, and send it when there is a link, until Ctrl-C or SIGTERM."""
+    """Send what a camera writes to a folder whenever there is a link, until Ctrl-C or SIGTERM."""
     settings = _settings(newest_first, max_rate, delete_sent, max_disk)
     with _failures():
         target = _target(context)
@@ -132,7 +139,7 @@ def add(
     scene: SceneOption,
     outbox: OutboxOption = None,
 ) -> None:
-    """Put photographs into the outbox of their folder, from which watch and send take them."""
+    """Put photographs into the outbox of their folder; watch and send then send them."""
     refused = False
     with _failures():
         for path in files:
@@ -164,7 +171,7 @@ def send(
     max_disk: MaxDiskOption = None,
     timeout: TimeoutOption = None,
 ) -> None:
-    """Send what waits, for as long as it takes, and exit."""
+    """Send all photographs that wait, however long it takes, and exit."""
     settings = _settings(newest_first, max_rate, delete_sent, max_disk)
     path = _path(folder, outbox)
     ended = threading.Event()
@@ -187,7 +194,7 @@ def send(
 def status(
     folder: OutboxFolderArgument = Path(), outbox: OutboxOption = None, as_json: JsonOption = False
 ) -> None:
-    """Show what waits, what is being sent, and what was sent or refused."""
+    """Show which photographs wait, are being sent, were sent, or were refused."""
     path = _path(folder, outbox)
     with _failures(as_json=as_json), Outbox(path, create=False) as opened:
         document = status_document(opened, folder)
@@ -200,7 +207,7 @@ def retry(
     folder: OutboxFolderArgument = Path(),
     outbox: OutboxOption = None,
 ) -> None:
-    """Let refused photographs wait to be sent again."""
+    """Send refused photographs again, with the next watch or send."""
     with _failures(), Outbox(_path(folder, outbox), create=False) as opened:
         waiting = retry_refused(opened, numbers or ())
     for photograph in waiting:

@@ -16,7 +16,7 @@ from fvs_client.cli.session import find_scene, service
 def visit(
     context: typer.Context,
     scene: SceneArgument,
-    state: Annotated[VisitState, typer.Argument(help="What the vehicle reports of the views.")],
+    state: Annotated[VisitState, typer.Argument(help="What the vehicle does about the views.")],
     vehicle: Annotated[str, typer.Option(metavar="NAME", help="Name of the vehicle, always the same one.")],
     ranking: Annotated[
         str | None, typer.Option(metavar="ID", help="The ranking whose candidates the views are.")
@@ -40,7 +40,7 @@ def visit(
     ] = 600,
     as_json: JsonOption = False,
 ) -> None:
-    """Report that a vehicle flies to views, photographed them or failed to: others get other views."""
+    """Report that a vehicle flies to views, took them or failed to: others are sent to other views."""
     if (ranking is None) == (candidates is None):
         raise typer.BadParameter("Give the views: --ranking, with --candidate, or --candidates.")
     if candidate and ranking is None:
@@ -53,7 +53,7 @@ def visit(
 
 
 def visits(context: typer.Context, scene: SceneArgument, as_json: JsonOption = False) -> None:
-    """List what vehicles reported of views, until the reports expire."""
+    """List the reports of vehicles about views, as far as they have not expired."""
     with service(context, as_json=as_json) as client:
         found = find_scene(client, scene).visits()
     _show(found, as_json=as_json)

@@ -41,7 +41,7 @@ class Expectation(Answer):
 
 
 class Stop(Answer):
-    """A candidate to photograph, with its distance from the stop before, and that of the whole way."""
+    """A candidate to photograph; `distance_m` is the way from the stop before, `travel_m` from the start."""
 
     id: str
     pose: Pose
@@ -49,7 +49,8 @@ class Stop(Answer):
     distance_m: float
     travel_m: float
     after: Expectation
-    """What to expect once this and all earlier stops, also of other vehicles, were photographed."""
+    """What to expect once this stop and all earlier ones, those of other vehicles included, have been
+    photographed."""
     via: tuple[Pose, ...] = ()
     """Where to pass on the way to it, in order, where something is in the straight line."""
 
