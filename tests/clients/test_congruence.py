@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Any
 
 import fvs_client
+import pydantic
 import pytest
 from anyio.from_thread import start_blocking_portal
 from fvs_client import (
@@ -280,8 +281,10 @@ def facts(data: dict[str, Any]) -> Iterator[tuple[str, Any]]:
 
 
 def plain(value: Any) -> str:
-    """What a client answered, without what says which client it was."""
-    return repr(value).replace("Async", "")
+    """What a client answered with all its fields, without what says which client it was."""
+    if isinstance(value, pydantic.BaseModel):
+        return f"{type(value).__name__}{value.model_dump()}".replace("Async", "")
+    return f"[{', '.join(map(plain, value))}]" if isinstance(value, list | tuple) else repr(value)
 
 
 def anonymous(answers: list[str], folder: Path) -> list[str]:

@@ -1,9 +1,8 @@
 import numpy as np
 import pytest
-from fvs_client import FramePose, Orbit, Policy, VehiclePose
+from fvs_client import FramePose, VehiclePose
 from hypothesis import assume, given
 from hypothesis import strategies as st
-from pydantic import ValidationError
 
 from fvs_engine.geometry import look_at, matrix_from_quaternion
 
@@ -31,12 +30,8 @@ def test_looking_nowhere_is_refused() -> None:
         FramePose.looking_at((1, 2, 3), (1, 2, 0))
 
 
-def test_input_is_strict() -> None:
-    with pytest.raises(ValidationError, match="unit quaternion"):
+def test_poses_are_checked() -> None:
+    with pytest.raises(ValueError, match="`orientation_wxyz` must be a unit quaternion"):
         FramePose(position=(0, 0, 0), orientation_wxyz=(2, 0, 0, 0))
-    with pytest.raises(ValidationError):
+    with pytest.raises(ValueError, match="`latitude_deg` must be a finite number"):
         VehiclePose(latitude_deg=float("nan"), longitude_deg=0, altitude_m=0, yaw_deg=0, pitch_deg=0)
-    with pytest.raises(ValidationError):
-        Orbit.model_validate({"cuont": 5})
-    with pytest.raises(ValidationError):
-        Policy.model_validate({"trigger": 3})

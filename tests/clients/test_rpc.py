@@ -62,7 +62,7 @@ def test_without_the_extra_the_client_says_how_to_install_it(monkeypatch: pytest
 
 
 def test_an_address_needs_a_port_and_no_path() -> None:
-    for url in ("grpc://quarry.example", "grpc://quarry.example:1/v1"):
+    for url in ("grpc://quarry.example", "grpc://quarry.example:1/fvs"):
         with pytest.raises(ValueError, match="an example is grpc://"):
             Client(url)
 

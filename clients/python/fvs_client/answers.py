@@ -1,5 +1,6 @@
 """Parse the service's answers: models from 2xx, typed errors from the rest."""
 
+import json
 import re
 from collections.abc import Mapping
 from datetime import UTC, datetime
@@ -12,6 +13,7 @@ import pydantic
 from fvs_client.errors import ApiError, Problem, UnexpectedAnswerError, error_of
 from fvs_client.models.events import Event
 from fvs_client.models.missions import MissionFile
+from fvs_client.models.mistakes import mistakes
 
 M = TypeVar("M", bound=pydantic.BaseModel)
 _REASONS = pydantic.TypeAdapter(tuple[str, ...])
@@ -26,9 +28,17 @@ def parse(kind: type[M], content: bytes, session: object = None) -> M:
         return kind.model_validate_json(content, context={"session": session})
     except pydantic.ValidationError as error:
         raise UnexpectedAnswerError(
-            f"The answer is not what this client expects of {kind.__name__}: {error.errors()[0]['msg']}",
+            f"The answer does not fit {kind.__name__.lstrip('_')}: {_mistakes(error, content)}",
             hint="Check the URL, and that the service and this client have versions that fit.",
-        ) from error
+        ) from None
+
+
+def _mistakes(error: pydantic.ValidationError, content: str | bytes) -> str:
+    try:
+        given = json.loads(content)
+    except ValueError:
+        return "It is no JSON."
+    return mistakes(error, given)
 
 
 def refusal(response: httpx2.Response, request_id: str) -> ApiError:
@@ -76,7 +86,7 @@ def parse_event(message: httpx2.ServerSentEvent) -> Event:
     try:
         return Event.model_validate_json(message.data)
     except pydantic.ValidationError as error:
-        raise UnexpectedAnswerError(f"An event cannot be read: {message.data[:200]!r}") from error
+        raise UnexpectedAnswerError(f"An event cannot be read: {_mistakes(error, message.data)}") from None
 
 
 def mission_file(response: httpx2.Response) -> MissionFile:

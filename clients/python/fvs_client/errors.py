@@ -1,9 +1,9 @@
 """Errors of the client: distinguish them by class or ``code``, show ``str(error)`` and ``hint``."""
 
 from collections.abc import Mapping, Sequence
-from typing import ClassVar
 
 from fvs_client.models.base import Answer
+from fvs_client.models.error_codes import ErrorCode
 from fvs_client.models.jobs import JobData
 
 
@@ -28,7 +28,13 @@ class Problem(Answer):
 
 
 class FvsError(Exception):
-    """Base of all errors. ``retryable``: the same call can succeed later; ``hint``: what to do about it."""
+    """Base of all errors.
+
+    ``code``: what kind of failure it is; ``retryable``: the same call can succeed later; ``hint``: what to do
+    about it.
+    """
+
+    code: ErrorCode
 
     def __init__(
         self, message: str, *, hint: str = "", retryable: bool = False, request_id: str | None = None
@@ -44,6 +50,8 @@ class FvsError(Exception):
 class ConnectionFailedError(FvsError):
     """The service cannot be reached, or the connection broke."""
 
+    code = ErrorCode.CONNECTION_FAILED
+
     def __init__(self, message: str, *, hint: str = "", request_id: str | None = None) -> None:
         super().__init__(message, hint=hint, retryable=True, request_id=request_id)
 
@@ -51,19 +59,31 @@ class ConnectionFailedError(FvsError):
 class AnswerTimeoutError(ConnectionFailedError):
     """The service did not answer in time."""
 
+    code = ErrorCode.ANSWER_TIMEOUT
+
 
 class UnexpectedAnswerError(FvsError):
     """The answer is not from an fvs service, or from a version that this client does not know."""
+
+    code = ErrorCode.UNEXPECTED_ANSWER
+
+
+class UnreadableFormatError(FvsError):
+    """The service does not read files of this format; in an upload's report."""
+
+    code = ErrorCode.UNREADABLE_FORMAT
 
 
 class DamagedDownloadError(FvsError):
     """The downloaded bytes differ from those of the service."""
 
+    code = ErrorCode.DAMAGED_DOWNLOAD
+
 
 class ApiError(FvsError):
     """The service refused the request; ``problem`` is its problem document."""
 
-    code: ClassVar[str] = ""
+    code = ErrorCode.UNEXPECTED_ANSWER  # of an answer without a code: not from an fvs service
 
     def __init__(self, problem: Problem, retry_after_s: float | None = None) -> None:
         super().__init__(
@@ -73,6 +93,8 @@ class ApiError(FvsError):
             request_id=problem.request_id or None,
         )
         self.problem = problem
+        if problem.code:
+            self.code = ErrorCode(problem.code)
         self.status = problem.status
         self.errors: Sequence[FieldError] = problem.errors
         self.retry_after_s = retry_after_s
@@ -81,107 +103,109 @@ class ApiError(FvsError):
 class MalformedRequestError(ApiError):
     """The request cannot be parsed."""
 
-    code = "malformed-request"
+    code = ErrorCode.MALFORMED_REQUEST
 
 
 class UnauthenticatedError(ApiError):
     """The API key is missing, unknown, expired or revoked."""
 
-    code = "unauthenticated"
+    code = ErrorCode.UNAUTHENTICATED
 
 
 class ForbiddenError(ApiError):
     """The API key does not permit the request."""
 
-    code = "forbidden"
+    code = ErrorCode.FORBIDDEN
 
 
 class NotFoundError(ApiError):
     """The resource does not exist, or belongs to another tenant."""
 
-    code = "not-found"
+    code = ErrorCode.NOT_FOUND
 
 
 class ConflictError(ApiError):
     """The request conflicts with the state of the resource."""
 
-    code = "conflict"
+    code = ErrorCode.CONFLICT
 
 
 class NoSnapshotError(ConflictError):
     """The scene has no model yet."""
 
-    code = "no-snapshot"
+    code = ErrorCode.NO_SNAPSHOT
 
 
 class GoneError(ApiError):
     """The resource that this idempotency key created has been deleted."""
 
-    code = "gone"
+    code = ErrorCode.GONE
 
 
 class PayloadTooLargeError(ApiError):
     """The body is larger than the limit."""
 
-    code = "payload-too-large"
+    code = ErrorCode.PAYLOAD_TOO_LARGE
 
 
 class InvalidRequestError(ApiError):
     """The request is invalid; ``errors`` has the fields."""
 
-    code = "invalid-request"
+    code = ErrorCode.INVALID_REQUEST
 
 
 class DigestMismatchError(InvalidRequestError):
     """The received bytes do not have the digest that was sent with them."""
 
-    code = "digest-mismatch"
+    code = ErrorCode.DIGEST_MISMATCH
 
 
 class IdempotencyKeyReusedError(InvalidRequestError):
     """An idempotency key was used again for a different request."""
 
-    code = "idempotency-key-reused"
+    code = ErrorCode.IDEMPOTENCY_KEY_REUSED
 
 
 class LimitExceededError(ApiError):
     """A limit is reached; try again after ``retry_after_s``."""
 
-    code = "limit-exceeded"
+    code = ErrorCode.LIMIT_EXCEEDED
 
 
 class ServiceFailedError(ApiError):
     """The service failed; its log has the details by ``request_id``."""
 
-    code = "internal"
+    code = ErrorCode.INTERNAL
 
 
 class UnavailableError(ServiceFailedError):
     """The service cannot answer now."""
 
-    code = "unavailable"
+    code = ErrorCode.UNAVAILABLE
 
 
 class DeadlineExceededError(ServiceFailedError):
     """The answer would take longer than the client waits."""
 
-    code = "deadline-exceeded"
+    code = ErrorCode.DEADLINE_EXCEEDED
 
 
 class OutOfSpaceError(ServiceFailedError):
     """The service has no disk space left."""
 
-    code = "out-of-space"
+    code = ErrorCode.OUT_OF_SPACE
 
 
 class UnimplementedError(ApiError):
     """The service lacks the method, because it is older than this client; only over gRPC."""
 
-    code = "unimplemented"
+    code = ErrorCode.UNIMPLEMENTED
 
 
 class JobError(FvsError):
     """A job did not succeed; ``job`` is its last known state."""
+
+    code = ErrorCode.JOB_FAILED
 
     def __init__(self, message: str, job: JobData, *, hint: str = "", retryable: bool = False) -> None:
         super().__init__(message, hint=hint, retryable=retryable)
@@ -204,12 +228,16 @@ class JobFailedError(JobError):
 class JobCanceledError(JobError):
     """The job was canceled."""
 
+    code = ErrorCode.JOB_CANCELED
+
     def __init__(self, job: JobData) -> None:
         super().__init__(f"The {job.kind.value} job {job.id} was canceled.", job, retryable=True)
 
 
 class WaitTimeoutError(JobError):
     """The job has not ended in time; it continues."""
+
+    code = ErrorCode.WAIT_TIMEOUT
 
     def __init__(self, job: JobData, timeout_s: float) -> None:
         super().__init__(
@@ -225,7 +253,7 @@ def _all_below(kind: type[ApiError]) -> list[type[ApiError]]:
     return [kind, *(found for child in kind.__subclasses__() for found in _all_below(child))]
 
 
-_BY_CODE: Mapping[str, type[ApiError]] = {kind.code: kind for kind in _all_below(ApiError) if kind.code}
+_BY_CODE: Mapping[str, type[ApiError]] = {kind.code: kind for kind in _all_below(ApiError)}
 _BY_STATUS: Mapping[int, type[ApiError]] = {
     400: MalformedRequestError,
     401: UnauthenticatedError,

@@ -39,8 +39,10 @@ from fvs_client.errors import (
     UnavailableError,
     UnexpectedAnswerError,
     UnimplementedError,
+    UnreadableFormatError,
     WaitTimeoutError,
 )
+from fvs_client.models.error_codes import ErrorCode
 from fvs_client.models.events import Event, EventKind
 from fvs_client.models.images import (
     DigestAnswer,
@@ -63,6 +65,7 @@ from fvs_client.models.missions import (
     MissionSettings,
     MissionView,
 )
+from fvs_client.models.pictures import Png
 from fvs_client.models.plans import CandidateTerms, Expectation, Plan, PlanRequest, Stop, Tour
 from fvs_client.models.poses import FramePose, VehiclePose
 from fvs_client.models.rankings import (
@@ -76,6 +79,7 @@ from fvs_client.models.rankings import (
     Orbit,
     Pose,
     RankedCandidate,
+    RankingMethod,
     RankingRequest,
     RankingWarning,
     ScoredCandidate,
@@ -144,6 +148,7 @@ __all__ = [
     "DownloadProgress",
     "Drone",
     "EnuWorld",
+    "ErrorCode",
     "Event",
     "EventKind",
     "Expectation",
@@ -191,12 +196,14 @@ __all__ = [
     "PinholeIntrinsics",
     "Plan",
     "PlanRequest",
+    "Png",
     "Policy",
     "Pose",
     "Prior",
     "Prism",
     "RankedCandidate",
     "Ranking",
+    "RankingMethod",
     "RankingRequest",
     "RankingWarning",
     "Registration",
@@ -218,6 +225,7 @@ __all__ = [
     "UnavailableError",
     "UnexpectedAnswerError",
     "UnimplementedError",
+    "UnreadableFormatError",
     "UploadProgress",
     "UploadReport",
     "UploadedFile",

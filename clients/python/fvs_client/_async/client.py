@@ -49,6 +49,9 @@ class AsyncClient:
         self.snapshots = AsyncSnapshots(self._session)
         self.rankings = AsyncRankings(self._session)
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.url!r})"
+
     async def capabilities(self) -> Capabilities:
         """Get the service's capabilities and limits."""
         return await self._session.fetch(Capabilities, requests.capabilities())

@@ -12,7 +12,8 @@ from fvs_client._async.session import AsyncResource, AsyncSession
 from fvs_client.answers import mission_file, parse, refusal
 from fvs_client.errors import ConnectionFailedError, FvsError
 from fvs_client.models.base import Answer
-from fvs_client.models.missions import MissionFile, MissionFormat, MissionOptions, MissionSettings
+from fvs_client.models.missions import MissionFile, MissionFormat, MissionSettings, mission_options
+from fvs_client.models.pictures import Png
 from fvs_client.models.rankings import RankedCandidate, RankingData, ScoredCandidate
 from fvs_client.requests import Request
 
@@ -20,11 +21,11 @@ from fvs_client.requests import Request
 class AsyncRanking(AsyncResource, RankingData):
     """An immutable ranking; ``candidates`` are in order, the next view first."""
 
-    async def render(self, candidate: RankedCandidate | str) -> bytes:
-        """Get the render of the ranking's snapshot at a candidate, as PNG."""
+    async def render(self, candidate: RankedCandidate | str) -> Png:
+        """Get the render of the ranking's snapshot at a candidate, as PNG; a notebook shows it."""
         return await self._image(candidate, "render")
 
-    async def spectrum(self, candidate: RankedCandidate | str) -> bytes:
+    async def spectrum(self, candidate: RankedCandidate | str) -> Png:
         """Get the spectrum of a candidate's render, as PNG."""
         return await self._image(candidate, "spectrum")
 
@@ -33,16 +34,16 @@ class AsyncRanking(AsyncResource, RankingData):
 
         Raises ``InvalidRequestError`` when the scene is not georeferenced, or a view cannot be flown.
         """
-        options = MissionOptions.model_validate({"format": format, **settings})
+        options = mission_options(format, settings)
         return mission_file(await self._session.response(requests.get_ranking_mission(self.id, options)))
 
     async def delete(self) -> None:
         """Delete the ranking with its renders."""
         await self._session.content(requests.delete_ranking(self.id))
 
-    async def _image(self, candidate: RankedCandidate | str, kind: str) -> bytes:
+    async def _image(self, candidate: RankedCandidate | str, kind: str) -> Png:
         candidate_id = candidate if isinstance(candidate, str) else candidate.id
-        return await self._session.content(requests.get_candidate_image(self.id, candidate_id, kind))
+        return Png(await self._session.content(requests.get_candidate_image(self.id, candidate_id, kind)))
 
 
 class AsyncRankings:

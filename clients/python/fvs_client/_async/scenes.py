@@ -16,13 +16,21 @@ from fvs_client.models.jobs import JobKind
 from fvs_client.models.missions import (
     MissionFile,
     MissionFormat,
-    MissionOptions,
     MissionRequest,
     MissionSettings,
     MissionView,
+    mission_options,
 )
 from fvs_client.models.plans import Plan, PlanRequest, Tour
-from fvs_client.models.rankings import Candidate, Generator, Pose, PoseFrame, RankingRequest, ScoredCandidate
+from fvs_client.models.rankings import (
+    Candidate,
+    Generator,
+    Pose,
+    PoseFrame,
+    RankingMethod,
+    RankingRequest,
+    ScoredCandidate,
+)
 from fvs_client.models.scenes import (
     AutomaticWorld,
     CameraPrior,
@@ -103,7 +111,7 @@ class AsyncScene(AsyncResource, SceneData):
         rank_all: bool = False,
         frame: PoseFrame | None = None,
         top_k: int | None = None,
-        method: str = "median-frequency",
+        method: RankingMethod | str = "median-frequency",
         snapshot_id: str | None = None,
         budget: int = 1,
         seed: int = 0,
@@ -222,7 +230,7 @@ class AsyncScene(AsyncResource, SceneData):
         the newest. Raises ``InvalidRequestError`` when the scene is not georeferenced, or a view cannot be
         flown.
         """
-        options = MissionOptions.model_validate({"format": format, **settings})
+        options = mission_options(format, settings)
         mission = _mission(views, snapshot_id)
         return mission_file(await self._session.response(requests.create_mission(self.id, mission, options)))
 

@@ -8,6 +8,7 @@ from typing import Self
 from fvs_client import requests
 from fvs_client._async import downloading
 from fvs_client._async.session import AsyncResource, AsyncSession
+from fvs_client.answers import parse
 from fvs_client.downloads import DownloadProgress, artifact_named, target_path
 from fvs_client.models.scenes import SceneData
 from fvs_client.models.snapshots import SnapshotCameras, SnapshotData
@@ -49,7 +50,7 @@ class AsyncSnapshot(AsyncResource, SnapshotData):
         artifact = artifact_named(self, "cameras.json")
         path = requests.artifact_of(self.id, artifact.name)
         content = await downloading.read(self._session, path, artifact)
-        return SnapshotCameras.model_validate_json(content)
+        return parse(SnapshotCameras, content)
 
 
 class AsyncSnapshots:

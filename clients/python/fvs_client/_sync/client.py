@@ -50,6 +50,9 @@ class Client:
         self.snapshots = Snapshots(self._session)
         self.rankings = Rankings(self._session)
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({self.url!r})"
+
     def capabilities(self) -> Capabilities:
         """Get the service's capabilities and limits."""
         return self._session.fetch(Capabilities, requests.capabilities())

@@ -9,6 +9,7 @@ from typing import Self
 from fvs_client import requests
 from fvs_client._sync import downloading
 from fvs_client._sync.session import Resource, Session
+from fvs_client.answers import parse
 from fvs_client.downloads import DownloadProgress, artifact_named, target_path
 from fvs_client.models.scenes import SceneData
 from fvs_client.models.snapshots import SnapshotCameras, SnapshotData
@@ -50,7 +51,7 @@ class Snapshot(Resource, SnapshotData):
         artifact = artifact_named(self, "cameras.json")
         path = requests.artifact_of(self.id, artifact.name)
         content = downloading.read(self._session, path, artifact)
-        return SnapshotCameras.model_validate_json(content)
+        return parse(SnapshotCameras, content)
 
 
 class Snapshots:

@@ -12,7 +12,13 @@ from fvs_client import requests
 from fvs_client._sync.concurrency import map_concurrently, run_blocking
 from fvs_client._sync.session import Session
 from fvs_client.answers import parse
-from fvs_client.errors import ForbiddenError, FvsError, NotFoundError, UnauthenticatedError
+from fvs_client.errors import (
+    ForbiddenError,
+    FvsError,
+    NotFoundError,
+    UnauthenticatedError,
+    UnreadableFormatError,
+)
 from fvs_client.image_files import ImageFile, Paths, find_image_files
 from fvs_client.models.images import DigestAnswer, Image, ImageMetadata
 from fvs_client.requests import FileBody
@@ -147,7 +153,7 @@ class _Uploader:
 
 
 def _unsupported(file: ImageFile) -> UploadedFile:
-    error = FvsError(
+    error = UnreadableFormatError(
         f"The service does not read {file.path.suffix[1:].upper()} files.", hint="Export it as JPEG or PNG."
     )
     return UploadedFile(file.path, Outcome.FAILED, error=error)

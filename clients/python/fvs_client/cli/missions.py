@@ -1,5 +1,6 @@
 """``fvs-client mission``."""
 
+import json
 import math
 from itertools import zip_longest
 from pathlib import Path
@@ -19,8 +20,10 @@ from fvs_client.cli.flight_options import (
 from fvs_client.cli.options import JsonOption, within
 from fvs_client.cli.output import print_json
 from fvs_client.cli.session import service
+from fvs_client.models.mistakes import mistakes
 
 _RANKING = "rnk_"
+_PLANS = "`fvs-client plan --json` writes plans."
 _HOMES = "LAT,LON or LAT,LON,ALT"
 
 
@@ -167,12 +170,15 @@ def _of_plan(
 
 def _plan(path: Path) -> Plan:
     try:
-        return Plan.model_validate_json(path.read_bytes())
+        document = json.loads(path.read_bytes())
     except OSError as error:
         raise typer.BadParameter(f"{path} is no ranking's id, and no file: {error.strerror}.") from error
+    except ValueError as error:
+        raise typer.BadParameter(f"{path}: It is no JSON: {error}. {_PLANS}") from error
+    try:
+        return Plan.model_validate(document)
     except pydantic.ValidationError as error:
-        reason = error.errors()[0]["msg"]
-        raise typer.BadParameter(f"{path}: {reason}. `fvs-client plan --json` writes plans.") from error
+        raise typer.BadParameter(f"{path}: {mistakes(error, document)} {_PLANS}") from error
 
 
 def _home(text: str | None) -> dict[str, float]:

@@ -1,14 +1,13 @@
 """Results on stdout: JSON documents, tables, and a model's metrics in words."""
 
 import json
-from collections.abc import Iterable, Sequence
+from collections.abc import Collection, Iterable, Sequence
 from typing import Any
 
 import typer
 from rich.console import Console
 from rich.table import Table
 
-from fvs_client.models.scenes import Alignment, AlignmentStatus
 from fvs_client.models.snapshots import SnapshotMetrics
 
 
@@ -18,7 +17,7 @@ def print_json(document: Any) -> None:
 
 
 def print_table(
-    headings: Sequence[str], rows: Iterable[Sequence[str]], *, right_aligned: Sequence[str] = ()
+    headings: Sequence[str], rows: Iterable[Sequence[str]], *, right_aligned: Collection[str] = ()
 ) -> None:
     """Print a table without a frame; ids are never wrapped."""
     table = Table(box=None, pad_edge=False)
@@ -28,11 +27,6 @@ def print_table(
     for row in rows:
         table.add_row(*row)
     Console().print(table)
-
-
-def with_unit(what: str, alignment: Alignment) -> str:
-    """The heading of lengths in the world frame, with their unit: there is none without an alignment."""
-    return what if alignment.status is AlignmentStatus.MODEL else f"{what} (m)"
 
 
 def describe_metrics(metrics: SnapshotMetrics) -> str:

@@ -1,12 +1,11 @@
 """``fvs-client plan``."""
 
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from fvs_client import Expectation, Plan, Tour
+from fvs_client import Plan
 from fvs_client.cli.options import (
     AimOption,
     ForVehicleOption,
@@ -16,17 +15,17 @@ from fvs_client.cli.options import (
     SceneArgument,
     VolumeOption,
 )
-from fvs_client.cli.output import print_json, print_table, with_unit
+from fvs_client.cli.output import print_json, print_table
 from fvs_client.cli.poses import (
     FrameName,
     GeneratorName,
     generator_asked,
-    pose_text,
     read_candidates,
     read_pose,
     read_volume,
 )
 from fvs_client.cli.session import find_scene, service
+from fvs_client.models.plans import plan_table
 
 
 def plan(
@@ -120,37 +119,8 @@ def plan(
 
 
 def _print(made: Plan) -> None:
-    chances = {terms.id: terms.chance for terms in made.candidates}
-    distance, travel = (with_unit(what, made.alignment) for what in ("distance", "travel"))
-    print_table(
-        ("vehicle", "stop", "id", distance, travel, "registered", "expected", "pose"),
-        [row for tour in made.tours for row in _rows(tour, chances)],
-        right_aligned=("vehicle", "stop", distance, travel, "registered", "expected"),
-    )
+    table = plan_table(made)
+    print_table(table.headings, table.rows, right_aligned=table.right_aligned)
     typer.echo(f"{made.summary} On {made.snapshot_id}.")
     for warning in made.warnings:
         typer.echo(f"Warning: {warning.message} {warning.hint}", err=True)
-
-
-def _rows(tour: Tour, chances: Mapping[str, float | None]) -> Iterator[tuple[str, ...]]:
-    """A row for each stop of a tour, after one for each way point that leads there."""
-    vehicle = str(tour.vehicle)
-    for number, stop in enumerate(tour.stops, start=1):
-        yield from ((vehicle, "", "via", "", "", "", "", pose_text(pose)) for pose in stop.via)
-        yield (
-            vehicle,
-            str(number),
-            stop.id,
-            f"{stop.distance_m:.2f}",
-            f"{stop.travel_m:.2f}",
-            "" if (chance := chances.get(stop.id)) is None else f"{chance:.0%}",
-            _expected(stop.after),
-            pose_text(stop.pose),
-        )
-    yield from ((vehicle, "", "via, home", "", "", "", "", pose_text(pose)) for pose in tour.via_home)
-
-
-def _expected(expectation: Expectation) -> str:
-    if expectation.psnr_db is None:
-        return f"variance {expectation.variance:.3f}"
-    return f"{expectation.psnr_db:.1f} dB"

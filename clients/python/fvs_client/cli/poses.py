@@ -8,7 +8,7 @@ from typing import Any, TypeVar
 import pydantic
 import typer
 
-from fvs_client import FramePose, VehiclePose
+from fvs_client.models.mistakes import mistakes
 from fvs_client.models.rankings import (
     AroundCurrent,
     Candidate,
@@ -62,16 +62,6 @@ def read_volume(path: Path) -> Volume:
     """The volume in a file."""
     volume: Volume = _read(path, pydantic.TypeAdapter(Volume), _VOLUME_FORM)
     return volume
-
-
-def pose_text(pose: FramePose | VehiclePose) -> str:
-    """A pose in a table."""
-    if isinstance(pose, VehiclePose):
-        return (
-            f"{pose.latitude_deg:.6f} {pose.longitude_deg:.6f} {pose.altitude_m:.1f} m, "
-            f"yaw {pose.yaw_deg:.0f}° pitch {pose.pitch_deg:.0f}°"
-        )
-    return " ".join(f"{part:.2f}" for part in pose.position)
 
 
 def generator_asked(
@@ -129,10 +119,10 @@ def _in_volume(path: Path, count: int | None, aim: str | None, *, level: bool) -
 
 def _read(path: Path, kind: pydantic.TypeAdapter[T], form: str) -> T:
     try:
-        return kind.validate_python(json.loads(path.read_text(encoding="utf-8")))
+        document = json.loads(path.read_text(encoding="utf-8"))
     except ValueError as error:
-        reason = str(error)
-        if isinstance(error, pydantic.ValidationError):
-            first = error.errors()[0]
-            reason = ": ".join(filter(None, [".".join(map(str, first["loc"])), first["msg"]]))
-        raise typer.BadParameter(f"{path}: {reason}. Write {form}.") from error
+        raise typer.BadParameter(f"{path}: It is no JSON: {error}. Write {form}.") from error
+    try:
+        return kind.validate_python(document)
+    except pydantic.ValidationError as error:
+        raise typer.BadParameter(f"{path}: {mistakes(error, document)} Write {form}.") from error

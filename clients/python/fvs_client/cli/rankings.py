@@ -16,18 +16,18 @@ from fvs_client.cli.options import (
     VolumeOption,
     YesOption,
 )
-from fvs_client.cli.output import print_json, print_table, with_unit
+from fvs_client.cli.output import print_json, print_table
 from fvs_client.cli.poses import (
     FrameName,
     GeneratorName,
     generator_asked,
-    pose_text,
     read_candidates,
     read_pose,
     read_volume,
 )
 from fvs_client.cli.progress import ranking_progress
 from fvs_client.cli.session import confirm, find_scene, service
+from fvs_client.models.rankings import made_by, ranking_table
 
 rankings = typer.Typer(help="Delete rankings.", no_args_is_help=True)
 
@@ -165,31 +165,9 @@ def delete(
 
 
 def _print(ranking: Ranking) -> None:
-    distance = with_unit("distance", ranking.alignment)
-    print_table(
-        ("rank", "id", "score", "coverage", "chance", distance, "status", "pose"),
-        [
-            (
-                "" if item.rank is None else str(item.rank),
-                item.id,
-                "" if item.score is None else f"{'≈ ' * item.estimated}{item.score:.4g}",
-                "" if item.coverage is None else f"{item.coverage:.0%}",
-                "" if item.chance is None else f"{item.chance:.0%}",
-                "" if item.distance_m is None else f"{item.distance_m:.2f}",
-                item.status.value,
-                pose_text(item.pose),
-            )
-            for item in ranking.candidates
-        ],
-        right_aligned=("rank", "score", "coverage", "chance", distance),
-    )
-    more = ranking.total - len(ranking.candidates)
-    rest = f"{more} more; " if more > 0 else ""
-    fallback = f"; ranked by {ranking.fallback}, because the method could not" if ranking.fallback else ""
-    typer.echo(
-        f"{rest}by {ranking.request.method} on {ranking.snapshot_id}, {ranking.gaussians:,} Gaussians after "
-        f"{ranking.iterations:,} iterations, in {ranking.seconds:.2f} s{fallback}"
-    )
+    table = ranking_table(ranking)
+    print_table(table.headings, table.rows, right_aligned=table.right_aligned)
+    typer.echo(made_by(ranking))
     for warning in ranking.warnings:
         typer.echo(f"Warning: {warning.message} {warning.hint}", err=True)
 

@@ -14,9 +14,9 @@ from fvs_client.models.scenes import (
     LocalWorld,
     Origin,
     Policy,
-    SceneData,
     Trigger,
     World,
+    world_text,
 )
 
 _ORIGIN_RANGES = ((-90, 90), (-180, 180), (-12_000, 100_000))
@@ -125,7 +125,7 @@ def show(context: typer.Context, scene: SceneArgument, as_json: JsonOption = Fal
         "scene": f"{found.id}  {found.name}",
         "images": f"{counts.received} received, {counts.accepted} accepted, {counts.rejected} rejected, "
         f"{counts.pending} pending",
-        "world": _world(found),
+        "world": world_text(found),
         "model": "none yet",
     }
     if snapshot is not None:
@@ -205,15 +205,3 @@ def delete(context: typer.Context, scene: SceneArgument, yes: YesOption = False)
 
 def _megabytes(size_bytes: int) -> str:
     return f"{size_bytes / 1e6:.1f} MB"
-
-
-def _world(scene: SceneData) -> str:
-    alignment = scene.alignment
-    origin = scene.origin
-    enu = f"ENU about {origin.latitude_deg:.6f}, {origin.longitude_deg:.6f}; " if origin is not None else ""
-    if alignment is None:
-        return f"{enu}{scene.world.kind}, no model to align yet"
-    rms = (
-        "" if alignment.rms_m is None else f", RMS {alignment.rms_m:.3f} m over {alignment.inliers} positions"
-    )
-    return f"{enu}{alignment.status.value}{rms}"

@@ -101,9 +101,8 @@ def _print(code: str, message: str, *, as_json: bool) -> None:
 
 
 def _print_error(error: FvsError, command: str, *, as_json: bool) -> None:
-    code = error.problem.code if isinstance(error, ApiError) else type(error).__name__
-    if isinstance(error, JobFailedError) and error.job.error is not None:
-        code = error.job.error.code
+    why = error.job.error if isinstance(error, JobFailedError) else None
+    code = error.code if why is None else why.code
     fields = error.errors if isinstance(error, ApiError) else ()
     message, hint = in_options(error.message), hint_in_options(error.hint, fields, command)
     if as_json:

@@ -9,8 +9,9 @@ import typer
 from fvs_client import Candidate, Client, Visit, VisitState
 from fvs_client.cli.options import JsonOption, SceneArgument
 from fvs_client.cli.output import print_json, print_table
-from fvs_client.cli.poses import pose_text, read_candidates
+from fvs_client.cli.poses import read_candidates
 from fvs_client.cli.session import find_scene, service
+from fvs_client.models.poses import pose_text
 
 
 def visit(

@@ -1,10 +1,13 @@
 """Failures of a vehicle."""
 
 from fvs_client.errors import FvsError
+from fvs_client.models.error_codes import ErrorCode
 
 
 class VehicleError(FvsError):
     """The vehicle does not answer, refuses something, or its camera takes no photograph."""
+
+    code = ErrorCode.VEHICLE
 
 
 class NoAnswerError(VehicleError):

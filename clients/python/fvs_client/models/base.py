@@ -1,26 +1,77 @@
 """Bases of the models, and the types they share."""
 
+from collections.abc import Iterable
 from enum import StrEnum
-from typing import Any, Self
+from typing import TYPE_CHECKING, Any, NoReturn, Self
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, ValidationInfo, model_validator
+from pydantic import AwareDatetime, BaseModel, ConfigDict, ValidationError, ValidationInfo, model_validator
 
+from fvs_client.models.mistakes import mistakes
+
+ReprArgs = Iterable[tuple[str, object]]
+"""What ``repr`` shows of a model."""
 Timestamp = AwareDatetime
 Vector = tuple[float, float, float]
 Quaternion = tuple[float, float, float, float]
 """Unit, w first."""
 
 
-class Answer(BaseModel):
-    """Base of what the service answers: immutable; unknown fields of a newer service are ignored."""
-
-    model_config = ConfigDict(frozen=True, extra="ignore")
+_OF_OBJECTS = frozenset(dir(object))
+_OF_MODELS = frozenset(dir(BaseModel))
 
 
-class Input(BaseModel):
-    """Base of what is sent to the service: immutable and strict, so that misspelt fields are errors."""
+class Model(BaseModel):
+    """Base of all models: immutable."""
 
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
+    model_config = ConfigDict(frozen=True)
+
+    def __str__(self) -> str:
+        return repr(self)
+
+    def __dir__(self) -> Iterable[str]:
+        """What a model offers, without what pydantic adds."""
+        hidden = [name for name in super().__dir__() if name in _OF_MODELS or name.startswith("__")]
+        return sorted({*super().__dir__()} - {*hidden} | _OF_OBJECTS)
+
+    if not TYPE_CHECKING:  # a type checker reports it by itself
+
+        def __setattr__(self, name: str, value: object) -> None:
+            if not name.startswith("_"):
+                _refuse(self, name)
+            super().__setattr__(name, value)
+
+        def __delattr__(self, name: str) -> NoReturn:
+            _refuse(self, name)
+
+
+def _refuse(model: Model, name: str) -> NoReturn:
+    raise AttributeError(f"{type(model).__name__} is immutable: its `{name}` cannot be set.") from None
+
+
+class Answer(Model):
+    """Base of what the service answers; unknown fields of a newer service are ignored."""
+
+    model_config = ConfigDict(extra="ignore")
+
+
+class Input(Model):
+    """Base of what is sent to the service: strict, so that misspelt fields are errors.
+
+    Raises ``ValueError`` for what does not fit.
+    """
+
+    model_config = ConfigDict(extra="forbid", allow_inf_nan=False)
+
+    if not TYPE_CHECKING:  # a type checker knows the fields
+
+        def __init__(self, **fields: Any) -> None:
+            try:
+                super().__init__(**fields)
+            except ValidationError as error:
+                raise ValueError(mistakes(error, fields, type(self))) from None
+
+        # Only whoever makes an object gets here, not pydantic for the parts of one.
+        __init__.__pydantic_base_init__ = True
 
     @model_validator(mode="before")
     @classmethod

@@ -1,6 +1,6 @@
 """Jobs."""
 
-from fvs_client.models.base import Answer, Input, Timestamp, Word
+from fvs_client.models.base import Answer, Input, ReprArgs, Timestamp, Word
 
 
 class JobKind(Word):
@@ -105,3 +105,8 @@ class JobData(Answer):
     def ended(self) -> bool:
         """Whether the job has succeeded, failed or been canceled."""
         return self.state in _ENDED
+
+    def __repr_args__(self) -> ReprArgs:
+        yield from (("id", self.id), ("scene_id", self.scene_id), ("kind", self.kind.value))
+        yield from (("state", self.state.value), ("progress", self.progress))
+        yield "snapshot_id", self.snapshot_id

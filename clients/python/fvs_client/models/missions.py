@@ -4,7 +4,7 @@ import os
 from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
-from typing import TypedDict
+from typing import Any, TypedDict
 
 from fvs_client.models.base import Input, Word
 from fvs_client.models.rankings import Pose
@@ -114,6 +114,12 @@ class MissionOptions(Input):
     finish: Finish | None = None
     autopilot: Autopilot | None = None
     drone: Drone | None = None
+
+
+def mission_options(format: MissionFormat | str, settings: MissionSettings) -> MissionOptions:  # noqa: A002
+    """The options of a mission, whose words may be strings. Raises ``ValueError`` for what does not fit."""
+    given: dict[str, Any] = {"format": format, **settings}
+    return MissionOptions(**given)
 
 
 class MissionView(Input):

@@ -1,10 +1,14 @@
 """Plans: which candidates to photograph next, in which order, and what they bring."""
 
+from collections.abc import Iterator, Mapping
+
 from pydantic import Field
 
-from fvs_client.models.base import Answer, Input
+from fvs_client.models.base import Answer, Input, ReprArgs
+from fvs_client.models.poses import pose_text
 from fvs_client.models.rankings import Candidate, Generator, Pose, PoseFrame, RankingWarning
 from fvs_client.models.scenes import Alignment, Origin
+from fvs_client.models.tables import Table, table_html
 from fvs_client.models.volumes import Volume
 
 
@@ -117,3 +121,49 @@ class Plan(Answer):
         """All stops, in the order of travel."""
         stops = (stop for tour in self.tours for stop in tour.stops)
         return tuple(sorted(stops, key=lambda stop: stop.travel_m))
+
+    def __repr_args__(self) -> ReprArgs:
+        yield from (("scene_id", self.scene_id), ("snapshot_id", self.snapshot_id))
+        yield from (("stops", [stop.id for stop in self.stops]), ("summary", self.summary))
+
+    def _repr_html_(self) -> str:
+        return table_html(
+            plan_table(self),
+            f"{self.summary} On {self.snapshot_id}.",
+            (f"{one.message} {one.hint}" for one in self.warnings),
+        )
+
+
+def plan_table(plan: Plan) -> Table:
+    """The stops of a plan, as text, and where vehicles pass on the way."""
+    chances = {terms.id: terms.chance for terms in plan.candidates}
+    distance, travel = (plan.alignment.with_unit(what) for what in ("distance", "travel"))
+    return Table(
+        ("vehicle", "stop", "id", distance, travel, "registered", "expected", "pose"),
+        tuple(row for tour in plan.tours for row in _rows(tour, chances)),
+        frozenset(("vehicle", "stop", distance, travel, "registered", "expected")),
+    )
+
+
+def _rows(tour: Tour, chances: Mapping[str, float | None]) -> Iterator[tuple[str, ...]]:
+    """A row for each stop of a tour, after one for each way point that leads there."""
+    vehicle = str(tour.vehicle)
+    for number, stop in enumerate(tour.stops, start=1):
+        yield from ((vehicle, "", "via", "", "", "", "", pose_text(pose)) for pose in stop.via)
+        yield (
+            vehicle,
+            str(number),
+            stop.id,
+            f"{stop.distance_m:.2f}",
+            f"{stop.travel_m:.2f}",
+            "" if (chance := chances.get(stop.id)) is None else f"{chance:.0%}",
+            _expected(stop.after),
+            pose_text(stop.pose),
+        )
+    yield from ((vehicle, "", "via, home", "", "", "", "", pose_text(pose)) for pose in tour.via_home)
+
+
+def _expected(expectation: Expectation) -> str:
+    if expectation.psnr_db is None:
+        return f"variance {expectation.variance:.3f}"
+    return f"{expectation.psnr_db:.1f} dB"

@@ -57,6 +57,16 @@ class VehiclePose(Input):
     roll_deg: float = 0.0
 
 
+def pose_text(pose: FramePose | VehiclePose) -> str:
+    """A pose in a table."""
+    if isinstance(pose, VehiclePose):
+        return (
+            f"{pose.latitude_deg:.6f} {pose.longitude_deg:.6f} {pose.altitude_m:.1f} m, "
+            f"yaw {pose.yaw_deg:.0f}° pitch {pose.pitch_deg:.0f}°"
+        )
+    return " ".join(f"{part:.2f}" for part in pose.position)
+
+
 def _minus(a: Vector, b: Vector) -> Vector:
     return (a[0] - b[0], a[1] - b[1], a[2] - b[2])
 

@@ -1,6 +1,6 @@
 """Snapshots: immutable models and their artifacts."""
 
-from fvs_client.models.base import Answer, Quaternion, Timestamp, Vector
+from fvs_client.models.base import Answer, Quaternion, ReprArgs, Timestamp, Vector
 from fvs_client.models.jobs import JobKind
 from fvs_client.models.scenes import Alignment
 
@@ -45,6 +45,10 @@ class SnapshotData(Answer):
     pinned: bool = False
     """Whether it is pinned: retention never deletes it."""
     created_at: Timestamp
+
+    def __repr_args__(self) -> ReprArgs:
+        yield from (("id", self.id), ("scene_id", self.scene_id), ("kind", self.kind.value))
+        yield from (("registered", self.metrics.registered), ("gaussians", self.metrics.gaussians))
 
 
 class PinholeIntrinsics(Answer):

@@ -2,10 +2,7 @@
 
 import json
 from collections.abc import Callable, Mapping
-from difflib import get_close_matches
 from pathlib import Path
-
-import pydantic
 
 from fvs_client.models.images import ImageMetadata
 from fvs_client.spool.outbox import SIDECAR_REFUSED
@@ -23,11 +20,15 @@ def read_sidecar(path: Path) -> ImageMetadata | Refusal:
     if len(content) > _LONGEST_BYTES:
         return _refusal(path, f"it has more than {_LONGEST_BYTES} bytes")
     try:
-        return ImageMetadata.model_validate(json.loads(content))
-    except pydantic.ValidationError as error:
-        return _refusal(path, _first_mistake(error))
+        fields = json.loads(content)
     except ValueError as error:
-        return _refusal(path, f"it is not JSON: {error}")
+        return _refusal(path, f"It is not JSON: {error}.")
+    if not isinstance(fields, dict):
+        return _refusal(path, "It must contain a JSON object.")
+    try:
+        return ImageMetadata(**fields)
+    except ValueError as error:
+        return _refusal(path, str(error))
 
 
 def merged(*known: ImageMetadata | None) -> Mapping[str, object]:
@@ -35,20 +36,9 @@ def merged(*known: ImageMetadata | None) -> Mapping[str, object]:
     return {name: value for one in known if one is not None for name, value in one.document().items()}
 
 
-def _first_mistake(error: pydantic.ValidationError) -> str:
-    first = error.errors()[0]
-    name = ".".join(map(str, first["loc"]))
-    if not name:
-        return "it must contain a JSON object"
-    if first["type"] != "extra_forbidden":
-        return f"{name}: {first['msg']}"
-    similar = get_close_matches(name, ImageMetadata.model_fields, 1, 0.3)
-    return f"{name} is not a known field" + (f"; did you mean {similar[0]}?" if similar else "")
-
-
 def _refusal(path: Path, reason: str) -> Refusal:
     return Refusal(
         SIDECAR_REFUSED,
-        f"{path.name} cannot be used: {reason}.",
+        f"{path.name} cannot be used. {reason}",
         "Correct or delete it: metadata cannot be sent later than the photograph.",
     )

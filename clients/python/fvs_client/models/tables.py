@@ -1,0 +1,46 @@
+"""Models as text in tables: for the command line, and as HTML for notebooks."""
+
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from html import escape
+
+_MOST_ROWS = 30
+"""Rows of a table in a notebook."""
+
+
+@dataclass(frozen=True)
+class Table:
+    """A table as text; columns with a heading of ``right_aligned`` hold numbers."""
+
+    headings: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+    right_aligned: frozenset[str]
+
+
+def table_html(table: Table, caption: str, notes: Iterable[str] = ()) -> str:
+    """The first rows of a table as HTML, with paragraphs under it."""
+    head = "".join(_cell("th", heading, heading in table.right_aligned) for heading in table.headings)
+    body = "".join(
+        "<tr>" + "".join(map(_cell, ["td"] * len(row), row, _aligned(table))) + "</tr>"
+        for row in table.rows[:_MOST_ROWS]
+    )
+    more = len(table.rows) - _MOST_ROWS
+    lines = [*([f"… and {more} more"] if more > 0 else []), *notes]
+    return (
+        f"<table><caption>{escape(caption)}</caption><thead><tr>{head}</tr></thead><tbody>{body}</tbody></table>"
+        + "".join(f"<p>{escape(line)}</p>" for line in lines)
+    )
+
+
+def facts_html(caption: str, facts: Iterable[tuple[str, str]]) -> str:
+    """Names and what they stand for as HTML."""
+    rows = "".join(f"<tr>{_cell('th', name)}{_cell('td', text)}</tr>" for name, text in facts)
+    return f"<table><caption>{escape(caption)}</caption><tbody>{rows}</tbody></table>"
+
+
+def _aligned(table: Table) -> Sequence[bool]:
+    return [heading in table.right_aligned for heading in table.headings]
+
+
+def _cell(tag: str, text: str, right: bool = False) -> str:
+    return f'<{tag} style="text-align: {"right" if right else "left"}">{escape(text)}</{tag}>'
