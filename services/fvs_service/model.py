@@ -94,6 +94,7 @@ def of_fields(message: str, *fields: str) -> PydanticCustomError:
 
 
 _AFTER = "The `next` of the previous page."
+_LIMIT = "Items of the page. It has no more than `limits.page_items` of the capabilities."
 """Parameters of a query have the descriptions of their fields, and not those of the JSON schema."""
 
 
@@ -101,7 +102,7 @@ class Page(Model):
     """A page of a list: ``limit`` items after the one with the cursor ``after``."""
 
     after: str | None = Field(default=None, max_length=128, description=_AFTER)
-    limit: int = Field(default=100, ge=1, le=1000)
+    limit: int = Field(default=100, ge=1, le=1000, description=_LIMIT)
 
 
 class NumberedPage(Page):

@@ -28,7 +28,7 @@ def compile_kernels(monitor: Monitor) -> None:
 class MedianFrequencyEstimate:
     """Estimates the median frequency (``MedianFrequency``) of a candidate without a rendering; on the CPU.
 
-    Estimates are lower than the scores, by about the same for all candidates of a model, and colours are
+    Estimates differ from the scores by about the same for all candidates of a model, and colours are
     those of degree 0. A view that the model fills by less than ``min_coverage`` is reported as
     ``low-coverage``.
     """

@@ -96,7 +96,7 @@ def d_optimal() -> InformationGain:
     from entries on which it has less information than is known, and any λ from 1e-6 to 1 gives the same
     winner.
 
-    Score: minus the expected information per parameter of the model, in nats; 0 or less, mostly −5 to 0.
+    Score: minus the expected information per parameter of the model, in nats; 0 or less, mostly −1 to 0.
     """
     return InformationGain("d-optimal", log_determinant_gain, MIN_COVERAGE)
 

@@ -57,8 +57,8 @@ def median_frequency_fast() -> ScorerSelector:
 def median_frequency_estimate() -> ScorerSelector:
     """The paper's selector without a render: all scores are estimates (``MedianFrequencyEstimate``).
 
-    Score: natural logarithm of the median magnitude in the spectrum, no unit; any number, lower than the
-    exact score.
+    Score: natural logarithm of the median magnitude in the spectrum, no unit; any number, off by about
+    the same for all candidates.
     Source: the outlook of the paper, which suggests one. Cost: a tenth of a render per candidate.
     """
     return ScorerSelector(MedianFrequencyEstimate())

@@ -242,6 +242,19 @@ def test_an_update_ends_with_its_quick_model_when_the_next_one_waits(
     service.wait(second, lambda found: found["state"] == "canceled")
 
 
+def test_a_quality_that_cannot_be_measured_is_a_warning(
+    service: Any, courtyard_photographs: list[Path]
+) -> None:
+    scene = service.scene()
+    service.send(scene, courtyard_photographs[:5])
+    service.finish(service.start(scene, iterations=3, long_side_px=64))
+    fine = service.start(scene, "fine", iterations=2, long_side_px=64, test_every=1_000)
+    done = service.finish(fine)
+    assert any("No image is held out" in sentence for sentence in done["warnings"])
+    made = service.client.get(f"/v1/snapshots/{done['snapshot_id']}").json()
+    assert (made["metrics"]["iterations"], made["metrics"]["psnr_db"]) == (2, None)
+
+
 @pytest.mark.slow  # half a minute; tests/faults kills more
 def test_jobs_outlive_whatever_is_killed(
     service: Any, modelled: str, courtyard_photographs: list[Path]

@@ -275,6 +275,8 @@ class SceneJobs:
             views.append(photographs.load(view.name, view.camera, view.camera_from_model))
             monitor.report("load", done, len(cameras.views))
         trained, held_out = _split(views, wanted.test_every)
+        if wanted.test_every is not None and not held_out:
+            warn(f"No image is held out for testing: {len(views)} are too few. The quality was not measured.")
         training = PRESETS["fine"].model_copy(update={"max_gaussians": settings.fine_max_gaussians})
         training = training.with_iterations(wanted.iterations or settings.fine_iterations)
         checkpoint = fine / "checkpoint.safetensors"
