@@ -78,7 +78,13 @@ def _error(name: str, words: Sequence[str]) -> dict[str, str]:
     ("line", "reason", "command"),
     [
         ("fvs rank --json", "Missing argument 'DIR'", "fvs rank"),
-        ("fvs --json rank out --top 0", "--top", "fvs rank"),
+        ("fvs --json rank out --top 0", "Invalid value for '--top': it must be at least 1", "fvs rank"),
+        ("fvs-client rank x --top 1.5 --json", "'--top': it must be a whole number", "fvs-client rank"),
+        (
+            "fvs-client rank x --generator disc --json",
+            "'--generator': 'disc' is not one of",
+            "fvs-client rank",
+        ),
         ("fvs --json nothing", "--json", "fvs"),
         ("fvs evaluate data --out out --seeds x --json", "not a list of whole numbers", "fvs evaluate"),
         ("fvs keys --json create", "--json", "fvs keys"),

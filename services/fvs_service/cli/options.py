@@ -22,6 +22,7 @@ def settings_of(**given: object) -> "Settings":
     from pydantic import ValidationError
 
     from fvs_service.environment import PREFIX
+    from fvs_service.gateway.plain_messages import plain_message, sentence
     from fvs_service.settings import Settings
 
     try:
@@ -32,8 +33,11 @@ def settings_of(**given: object) -> "Settings":
     except ValidationError as error:
         for wrong in error.errors():
             variable = PREFIX + "__".join(map(str, wrong["loc"])).upper()
-            reason = _no_setting(variable) if wrong["type"] == "extra_forbidden" else f"{wrong['msg']}."
-            typer.echo(f"Error: {variable}: {reason}", err=True)
+            if wrong["type"] == "extra_forbidden":
+                reason = f"{variable}: {_no_setting(variable)}"
+            else:
+                reason = sentence(variable, plain_message(wrong["type"], wrong["msg"], wrong.get("ctx", {})))
+            typer.echo(f"Error: {reason}", err=True)
         raise typer.Exit(USAGE) from error
 
 

@@ -12,6 +12,7 @@ from fvs_service.scenes.model import SCENE_NAME
 _MESSAGES = {
     "extra_forbidden": "there is no such field",
     "missing": "it is missing",
+    "path_not_file": "there is no such file",
     "union_tag_not_found": "its kind is missing",
     "union_tag_invalid": "its kind must be one of {expected_tags}",
     "greater_than_equal": "it must be at least {ge}",

@@ -14,6 +14,17 @@ from typer.core import TyperGroup
 from typer.exceptions import TyperException
 
 _HELP = ("-h", "--help")
+_PLAIN_WORDS = (
+    ("Value error, ", ""),
+    (", unable to parse string as an integer", ""),
+    (", unable to parse string as a number", ""),
+    ("Input should be a valid integer", "it must be a whole number"),
+    ("Input should be a valid number", "it must be a number"),
+    ("Input should be", "it must be"),
+    ("greater than or equal to", "at least"),
+    ("less than or equal to", "at most"),
+)
+"""What pydantic, which reads the values of options, says and what users are told."""
 
 
 class Program(TyperGroup):
@@ -46,6 +57,8 @@ def _usage_errors(*, as_json: bool) -> Iterator[None]:
     try:
         yield
     except TyperException as error:
+        for words, plain in _PLAIN_WORDS:
+            error.message = error.message.replace(words, plain)
         if not as_json:
             raise
         context = getattr(error, "ctx", None)

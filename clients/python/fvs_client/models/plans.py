@@ -127,11 +127,8 @@ class Plan(Answer):
         yield from (("stops", [stop.id for stop in self.stops]), ("summary", self.summary))
 
     def _repr_html_(self) -> str:
-        return table_html(
-            plan_table(self),
-            f"{self.summary} On {self.snapshot_id}.",
-            (f"{one.message} {one.hint}" for one in self.warnings),
-        )
+        notes = [self.summary, *(f"{one.message} {one.hint}" for one in self.warnings)]
+        return table_html(plan_table(self), f"Plan on {self.snapshot_id}", notes)
 
 
 def plan_table(plan: Plan) -> Table:
