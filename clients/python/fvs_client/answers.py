@@ -11,11 +11,12 @@ import httpx2
 import pydantic
 
 from fvs_client.errors import ApiError, Problem, UnexpectedAnswerError, error_of
+from fvs_client.models.base import Model
 from fvs_client.models.events import Event
 from fvs_client.models.missions import MissionFile
 from fvs_client.models.mistakes import mistakes
 
-M = TypeVar("M", bound=pydantic.BaseModel)
+M = TypeVar("M", bound=Model)
 _REASONS = pydantic.TypeAdapter(tuple[str, ...])
 
 

@@ -6,7 +6,6 @@ from contextlib import asynccontextmanager
 from typing import Any, Generic, TypeVar
 
 import httpx2
-import pydantic
 from pydantic import PrivateAttr
 
 from fvs_client import requests
@@ -14,11 +13,11 @@ from fvs_client._async.concurrency import run_blocking, sleep
 from fvs_client.answers import parse, refusal
 from fvs_client.connection import Connection
 from fvs_client.errors import FvsError, NotFoundError
-from fvs_client.models.base import Answer
+from fvs_client.models.base import Answer, Model
 from fvs_client.requests import REQUEST_ID, FileBody, Request
 from fvs_client.retries import Retries
 
-M = TypeVar("M", bound=pydantic.BaseModel)
+M = TypeVar("M", bound=Model)
 
 _CHUNK_BYTES = 1 << 18
 
@@ -115,7 +114,7 @@ class AsyncResource(Answer):
 
     def model_post_init(self, context: Any, /) -> None:
         """Keep the session that fetched the answer."""
-        self._session = context["session"]
+        self._session = context["session"]  # type: ignore[misc]  # it alone can be set
 
 
 class _Page(Answer, Generic[M]):

@@ -1,10 +1,19 @@
 """Bases of the models, and the types they share."""
 
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from enum import StrEnum
-from typing import TYPE_CHECKING, Any, NoReturn, Self
+from typing import TYPE_CHECKING, Any, ClassVar, NoReturn, Self, dataclass_transform
 
-from pydantic import AwareDatetime, BaseModel, ConfigDict, ValidationError, ValidationInfo, model_validator
+from pydantic import (
+    AwareDatetime,
+    BaseModel,
+    ConfigDict,
+    Field,
+    PrivateAttr,
+    ValidationError,
+    ValidationInfo,
+    model_validator,
+)
 
 from fvs_client.models.mistakes import mistakes
 
@@ -20,20 +29,47 @@ _OF_OBJECTS = frozenset(dir(object))
 _OF_MODELS = frozenset(dir(BaseModel))
 
 
-class Model(BaseModel):
-    """Base of all models: immutable."""
+if TYPE_CHECKING:
 
-    model_config = ConfigDict(frozen=True)
+    @dataclass_transform(kw_only_default=True, frozen_default=True, field_specifiers=(Field, PrivateAttr))
+    class Model:
+        """What editors are told of pydantic's model: its fields, and the few methods that are of use."""
 
-    def __str__(self) -> str:
-        return repr(self)
+        model_fields: ClassVar[Mapping[str, Any]]
 
-    def __dir__(self) -> Iterable[str]:
-        """What a model offers, without what pydantic adds."""
-        hidden = [name for name in super().__dir__() if name in _OF_MODELS or name.startswith("__")]
-        return sorted({*super().__dir__()} - {*hidden} | _OF_OBJECTS)
+        def model_dump(
+            self, *, mode: str = ..., by_alias: bool = ..., exclude_none: bool = ...
+        ) -> dict[str, Any]:
+            """The fields by name; with the mode `json` as JSON has them."""
 
-    if not TYPE_CHECKING:  # a type checker reports it by itself
+        def model_dump_json(self, *, by_alias: bool = ..., indent: int | None = ...) -> str:
+            """The model as JSON."""
+
+        def model_copy(self, *, update: Mapping[str, Any] = ...) -> Self:
+            """A copy with other values, which are not checked."""
+
+        @classmethod
+        def model_validate(cls, obj: object, *, context: object = ...) -> Self:
+            """The model with the fields of a dictionary."""
+
+        @classmethod
+        def model_validate_json(cls, json_data: str | bytes, *, context: object = ...) -> Self:
+            """The model with the fields of a JSON object."""
+
+else:
+
+    class Model(BaseModel):
+        """Base of all models: immutable."""
+
+        model_config = ConfigDict(frozen=True)
+
+        def __str__(self) -> str:
+            return repr(self)
+
+        def __dir__(self) -> Iterable[str]:
+            """What a model offers, without what pydantic adds."""
+            hidden = [name for name in super().__dir__() if name in _OF_MODELS or name.startswith("__")]
+            return sorted({*super().__dir__()} - {*hidden} | _OF_OBJECTS)
 
         def __setattr__(self, name: str, value: object) -> None:
             if not name.startswith("_"):

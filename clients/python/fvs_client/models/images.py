@@ -2,9 +2,7 @@
 
 from datetime import datetime
 
-from pydantic import BaseModel
-
-from fvs_client.models.base import Answer, Input, Timestamp, Word
+from fvs_client.models.base import Answer, Input, Model, Timestamp, Word
 from fvs_client.models.scenes import AltitudeDatum
 
 
@@ -30,7 +28,7 @@ class Registration(Word):
     QUARANTINED = "quarantined"
 
 
-class _PosePrior(BaseModel):
+class _PosePrior(Model):
     latitude_deg: float | None = None
     longitude_deg: float | None = None
     altitude_m: float | None = None

@@ -166,7 +166,7 @@ class SceneData(Answer):
     camera: CameraPrior | None
     policy: Policy
     retention: Retention = Retention()
-    image_counts: ImageCounts = Field(alias="images")
+    image_counts: ImageCounts = Field(validation_alias="images", serialization_alias="images")
     snapshot_id: str | None
     alignment: Alignment | None
     created_at: Timestamp
