@@ -125,6 +125,7 @@ def test_help_and_version(name: str) -> None:
             "fvs --json rank out --method median-frequency-",
             {"median-frequency-fast", "median-frequency-estimate"},
         ),
+        ("fvs-client rank yard --method k", {"kriging"}),
         ("fvs-client spool st", {"status"}),
     ],
 )

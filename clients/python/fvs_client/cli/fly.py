@@ -18,7 +18,7 @@ from fvs_client.cli.flight_options import (
     TransitHeightOption,
     flight_limits,
 )
-from fvs_client.cli.options import IterationsOption, JsonOption, LongSideOption, SceneArgument
+from fvs_client.cli.options import IterationsOption, JsonOption, LongSideOption, MethodOption, SceneArgument
 from fvs_client.cli.output import print_json
 from fvs_client.cli.poses import GeneratorName, generator_of, read_candidates
 from fvs_client.cli.program import Target
@@ -95,9 +95,7 @@ def fly(
             min=0, max=2e7, metavar="M", help="Minimum distance from anything in the model; with --leg."
         ),
     ] = None,
-    method: Annotated[str, typer.Option(help="Method of ranking; `fvs-client status` lists all.")] = (
-        "median-frequency"
-    ),
+    method: MethodOption = "median-frequency",
     generator: Annotated[
         GeneratorName | None, typer.Option(help="Generator of candidates.", show_default="orbit")
     ] = None,

@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from pathlib import Path
-from typing import Annotated, TypeVar
+from typing import Annotated, TypeVar, get_args
 
 import typer
 
@@ -13,6 +13,20 @@ SnapshotArgument = Annotated[str, typer.Argument(metavar="SNAPSHOT", help="A sna
 JobArgument = Annotated[str, typer.Argument(metavar="JOB", help="A job's id.")]
 JsonOption = Annotated[
     bool, typer.Option("--json", help="Print the result as JSON; progress and errors as JSON on stderr.")
+]
+
+
+def _methods() -> tuple[str, ...]:
+    from fvs_client.models.rankings import RankingMethod  # which the spool does without
+
+    return get_args(RankingMethod)
+
+
+MethodOption = Annotated[
+    str,
+    typer.Option(
+        "--method", autocompletion=_methods, help="Method of ranking; `fvs-client status` lists all."
+    ),
 ]
 ForVehicleOption = Annotated[
     str | None,

@@ -11,6 +11,7 @@ from fvs_client.cli.options import (
     ForVehicleOption,
     JsonOption,
     LevelOption,
+    MethodOption,
     NoFlyOption,
     SceneArgument,
     VolumeOption,
@@ -66,9 +67,7 @@ def rank(
             "--all", help="Rank also candidates in matter, too close to it, or unlikely to be registered."
         ),
     ] = False,
-    method: Annotated[str, typer.Option(help="Method of ranking; `fvs-client status` lists all.")] = (
-        "median-frequency"
-    ),
+    method: MethodOption = "median-frequency",
     current: Annotated[
         Path | None,
         typer.Option(exists=True, dir_okay=False, metavar="FILE", help="JSON: the current pose."),
