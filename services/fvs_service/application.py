@@ -37,6 +37,8 @@ from fvs_service.storage.store_check import StoreCheck
 from fvs_service.tracing import Tracing
 from fvs_service.visits.repository import taken_poses
 from fvs_service.visits.service import Visits
+from fvs_service.webhooks.destinations import Destinations
+from fvs_service.webhooks.service import Webhooks
 
 
 @dataclass(frozen=True)
@@ -76,6 +78,8 @@ class Application:
     plans: Plans
     visits: Visits
     missions: Missions
+    webhooks: Webhooks
+    destinations: Destinations
     deletions: Deletions
 
 
@@ -178,6 +182,7 @@ def open_application(
                 taken_poses,
                 lambda: _require_room_for_rankings(settings),
             )
+            destinations = Destinations(settings.webhook_hosts)
             resumable_uploads = ResumableUploads(
                 settings.resumable_uploads,
                 keep_s=settings.partial_upload_s,
@@ -213,6 +218,8 @@ def open_application(
                 plans=Plans(storage.database, frames, runners, limits, taken_poses),
                 visits=Visits(storage.database, frames),
                 missions=Missions(storage.database, frames, rankings),
+                webhooks=Webhooks(storage.database, destinations),
+                destinations=destinations,
                 deletions=Deletions(storage.database, resumable_uploads, settings.removal_grace_s),
             )
         finally:

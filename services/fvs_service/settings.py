@@ -1,5 +1,7 @@
 """The settings of the service: one frozen object."""
 
+import contextlib
+import ipaddress
 import re
 from pathlib import Path
 from typing import Annotated, Literal
@@ -37,6 +39,18 @@ def _origin(name: str) -> str:
 
 
 _Origin = Annotated[str, AfterValidator(_origin)]
+
+
+def _webhook_host(name: str) -> str:
+    """A name, an address or a network."""
+    with contextlib.suppress(ValueError):
+        return str(ipaddress.ip_network(name))
+    if re.fullmatch(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*", name) is None:
+        raise ValueError(f"{name} is neither a name nor an address nor a network, such as hooks.example")
+    return name.lower()
+
+
+_WebhookHost = Annotated[str, AfterValidator(_webhook_host)]
 
 # Numbers beyond these have no sense, and some of them overflow clocks and timers.
 _Bytes = Annotated[int, Field(ge=1, le=1_000_000 * GIGABYTE)]
@@ -271,6 +285,9 @@ class Settings(BaseSettings):
     """Host names, besides those of loopback, under which the service may be reached, as behind a proxy."""
     allowed_origins: Annotated[tuple[_Origin, ...], NoDecode, BeforeValidator(_names)] = ()
     """Web origins, besides the service's own, whose pages may use the service (CORS)."""
+    webhook_hosts: Annotated[tuple[_WebhookHost, ...], NoDecode, BeforeValidator(_names)] = ()
+    """Hosts that webhooks may go to: names, addresses, and networks such as ``10.1.0.0/16``. A name leads
+    only to public addresses, and to those that are listed. Empty: webhooks are off."""
     inspectors: _Processes = 2
     """Processes that decode uploaded images."""
     inspection_s: _Seconds = 60.0

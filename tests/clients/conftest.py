@@ -29,7 +29,7 @@ _plain_logs = _service._plain_logs
 @pytest.fixture(scope="session")
 def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """A running gateway whose worker the tests play; all share it, each makes scenes of its own."""
-    overrides = {"event_heartbeat_s": 0.2, "grpc_port": 0}
+    overrides = {"event_heartbeat_s": 0.2, "grpc_port": 0, "webhook_hosts": ("hooks.example",)}
     settings = settings_for(tmp_path_factory.mktemp("clients") / "service", overrides)
     app = create_app(settings, ComputingRunners)
     ports: list[int | None] = []

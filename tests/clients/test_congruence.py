@@ -17,6 +17,7 @@ from fvs_client import (
     Box,
     Client,
     EnuWorld,
+    EventKind,
     Finish,
     FramePose,
     FvsError,
@@ -117,6 +118,21 @@ def jobs(surface: Surface) -> Iterator[Any]:
     yield [(event.kind, sorted(facts(event.data))) for event in surface.items(scene.events(), 8)]
 
 
+def webhooks(surface: Surface) -> Iterator[Any]:
+    client, do = surface.client, surface.do
+    scene = do(client.scenes.create, "quarry")
+    url, kinds = "https://hooks.example/a", [EventKind.JOB_FAILED, "scene.deleted"]
+    webhook = do(scene.webhooks.create, url, kinds)
+    assert webhook.secret.startswith("whsec_")
+    yield webhook.state, webhook.events, webhook.url
+    assert do(scene.webhooks.list) == (do(webhook.refresh),)
+    yield do(do(client.webhooks.get, webhook.id).enable).state
+    yield do(webhook.delete)
+    yield surface.attempt(webhook.refresh)
+    yield surface.attempt(scene.webhooks.create, "https://evil.example/", kinds)
+    yield surface.attempt(client.webhooks.get, "whk_none")
+
+
 def rankings(surface: Surface) -> Iterator[Any]:
     client, do, folder = surface.client, surface.do, surface.folder
     scene = do(client.scenes.create, "quarry")
@@ -214,7 +230,7 @@ def missions(surface: Surface) -> Iterator[Any]:
     yield surface.attempt(scene.mission, {}, "csv")
 
 
-SCENARIOS = (scenes, images, jobs, rankings, missions, deletions)
+SCENARIOS = (scenes, images, jobs, webhooks, rankings, missions, deletions)
 
 
 @pytest.mark.parametrize("scenario", SCENARIOS, ids=lambda scenario: scenario.__name__)

@@ -33,7 +33,12 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     }
     settings = settings_for(
         tmp_path_factory.mktemp("contract") / "service",
-        {"require_keys": True, "grpc_port": 0, "limits": limits},
+        {
+            "require_keys": True,
+            "grpc_port": 0,
+            "limits": limits,
+            "webhook_hosts": ("hooks.example",),
+        },
     )
     with running_gateway(settings) as gateway:
         yield gateway

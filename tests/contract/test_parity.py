@@ -17,6 +17,7 @@ from fvs.v1 import (
     scenes_pb2,
     snapshots_pb2,
     views_pb2,
+    webhooks_pb2,
 )
 from fvs_service.errors import ServiceError
 from fvs_service.events.model import Event, EventKind
@@ -30,7 +31,7 @@ from pydantic.json_schema import models_json_schema
 
 _FILES = (
     *(capabilities_pb2, downloads_pb2, events_pb2, images_pb2, jobs_pb2),
-    *(poses_pb2, scenes_pb2, snapshots_pb2, views_pb2),
+    *(poses_pb2, scenes_pb2, snapshots_pb2, views_pb2, webhooks_pb2),
 )
 
 REST_ONLY = {
@@ -81,6 +82,7 @@ LARGE = {
     *(("Event", "number"), ("WatchEventsRequest", "after")),
     *((kind, at) for kind in ("DownloadArtifactRequest", "DownloadImageRequest") for at in ("start", "stop")),
     *(("DownloadInfo", "start"), ("DownloadInfo", "stop")),
+    *(("Webhook", "delivered"), ("NewWebhook", "delivered")),
 }
 """Numbers of events, which count over all scenes, and positions in files."""
 

@@ -34,6 +34,25 @@ def test_a_scene_is_created_read_changed_listed_and_deleted(compare: Compare) ->
     compare(scenario)
 
 
+def test_webhooks_are_created_read_enabled_and_deleted(compare: Compare) -> None:
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        request = {"url": "https://hooks.example/a", "events": ["job.failed", "scene.deleted"]}
+        made = tenant.call("CreateWebhook", request, scene_id=scene).result
+        assert made["secret"].startswith("whsec_")
+        webhook = made["id"]
+        assert tenant.call("GetWebhook", webhook_id=webhook).result["events"] == request["events"]
+        assert len(tenant.call("ListWebhooks", scene_id=scene).result["webhooks"]) == 1
+        assert tenant.call("EnableWebhook", webhook_id=webhook).result["state"] == "active"
+        tenant.call("DeleteWebhook", webhook_id=webhook)
+        refused(tenant.call("GetWebhook", webhook_id=webhook), "not-found")
+        refused(tenant.call("CreateWebhook", request, scene_id=UNKNOWN), "not-found")
+        for wrong in ({"url": "https://evil.example/"}, {"url": "ftp://a"}):
+            refused(tenant.call("CreateWebhook", {**request, **wrong}, scene_id=scene), "invalid-request")
+
+    compare(scenario)
+
+
 def test_invalid_requests_are_pointed_at(compare: Compare) -> None:
     def scenario(tenant: Any) -> None:
         for request in (

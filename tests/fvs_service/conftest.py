@@ -53,7 +53,9 @@ def postgresql() -> PostgresqlServer:
 @pytest.fixture(scope="session")
 def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Gateway]:
     """The gateway of a single user's machine; all tests share it, each makes scenes of its own."""
-    with running_gateway(settings_for(tmp_path_factory.mktemp("gateway") / "service", {})) as gateway:
+    with running_gateway(
+        settings_for(tmp_path_factory.mktemp("gateway") / "service", {"webhook_hosts": ("hooks.example",)})
+    ) as gateway:
         yield gateway
 
 

@@ -20,6 +20,7 @@ _BODIES: dict[str, Any] = {
     "create_mission": {"views": [{"id": "a", "pose": _POSE}]},
     "create_plan": {"generator": {"kind": "orbit", "count": 3}},
     "create_ranking": {"generator": {"kind": "orbit", "count": 3}},
+    "create_webhook": {"url": "https://hooks.example/", "events": ["job.failed"]},
     "report_visits": {
         **{"vehicle": "a", "state": "taken"},
         "views": [{"id": "b", "pose": {"position": [0, 0, 9], "orientation_wxyz": [1, 0, 0, 0]}}],
@@ -54,7 +55,9 @@ class Route:
 
 @pytest.fixture(scope="module")
 def locked(tmp_path_factory: pytest.TempPathFactory, running: Any, settings_of: Any) -> Iterator[Any]:
-    settings = settings_of(tmp_path_factory.mktemp("locked"), {"require_keys": True})
+    settings = settings_of(
+        tmp_path_factory.mktemp("locked"), {"require_keys": True, "webhook_hosts": ("hooks.example",)}
+    )
     with running(settings) as gateway:
         yield gateway
 
@@ -76,6 +79,9 @@ def owned(locked: Any, photograph: Any) -> dict[str, str]:
         "snapshot_id": snapshot,
         "name": "cameras.json",
         "ranking_id": ranking["id"],
+        "webhook_id": locked.client.post(
+            f"/v1/scenes/{scene}/webhooks", json=_BODIES["create_webhook"], headers=owner
+        ).json()["id"],
         "candidate_id": ranking["candidates"][0]["id"],
         "image": "render",
         "upload_id": _upload(locked, scene, owner),
@@ -149,6 +155,7 @@ _UNKNOWN = {
     "job_id": "job_00000000000000000000000000",
     "snapshot_id": "snp_00000000000000000000000000",
     "ranking_id": "rnk_00000000000000000000000000",
+    "webhook_id": "whk_00000000000000000000000000",
     "upload_id": f"upl_{'0' * 32}",
 }
 

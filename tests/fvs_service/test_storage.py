@@ -85,8 +85,9 @@ def test_migrations_make_the_tables_that_the_code_uses(tmp_path: Path) -> None:
     database.close()
 
 
-def _undo_recorded(session: Session) -> None:
-    """Before schema 0005, rows did not have the database's time."""
+def _undo_newest(session: Session) -> None:
+    """Before schema 0005, rows did not have the database's time; before 0006 there were no webhooks."""
+    session.execute(text("DROP TABLE webhooks"))
     session.execute(text("DROP INDEX ix_jobs_recorded"))
     for table in ("jobs", "snapshots", "rankings"):
         session.execute(text(f"ALTER TABLE {table} DROP COLUMN recorded_at_ms"))
@@ -99,7 +100,7 @@ def test_rankings_of_an_older_database_come_first_in_the_order_of_their_ids(tmp_
     added = "INSERT INTO rankings (id, scene_id, snapshot_id, document, created_at) VALUES"
     rest = f"'{scene}', 's', '{{}}', '2026-05-01 12:00:00.000000'"
     with database.writing() as session:
-        _undo_recorded(session)
+        _undo_newest(session)
         session.execute(text("UPDATE alembic_version SET version_num = '0004'"))
         session.execute(text(f"{added} ('rnk_3', {rest}), ('rnk_2', {rest})"))
     database.migrate()
@@ -129,7 +130,7 @@ def test_visits_of_an_older_database_stay(tmp_path: Path) -> None:
         times = "'2026-05-01 12:00:00.000000', '9999-05-01 12:00:00.000000'"
         row = text(f"INSERT INTO visits VALUES ('{scene}', 'north', 'a', 'taken', :pose, {times})")
         session.execute(row, {"pose": pose})
-        _undo_recorded(session)
+        _undo_newest(session)
         session.execute(text("UPDATE alembic_version SET version_num = '0003'"))
     database.migrate()
     with database.reading() as session:
@@ -144,7 +145,7 @@ def test_an_older_database_gets_an_identity_once(tmp_path: Path) -> None:
     with database.writing() as session:  # as the first version left it
         for newer in ("identity", "visits"):
             session.execute(text(f"DROP TABLE {newer}"))
-        _undo_recorded(session)
+        _undo_newest(session)
         session.execute(text("UPDATE alembic_version SET version_num = '0001'"))
     for _ in range(2):
         database.migrate()

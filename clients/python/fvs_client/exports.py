@@ -5,11 +5,13 @@ from fvs_client._async.jobs import AsyncJob
 from fvs_client._async.rankings import AsyncRanking
 from fvs_client._async.scenes import AsyncScene
 from fvs_client._async.snapshots import AsyncSnapshot
+from fvs_client._async.webhooks import AsyncWebhook
 from fvs_client._sync.client import Client
 from fvs_client._sync.jobs import Job
 from fvs_client._sync.rankings import Ranking
 from fvs_client._sync.scenes import Scene
 from fvs_client._sync.snapshots import Snapshot
+from fvs_client._sync.webhooks import Webhook
 from fvs_client.downloads import DownloadProgress
 from fvs_client.errors import (
     AnswerTimeoutError,
@@ -110,6 +112,7 @@ from fvs_client.models.snapshots import (
 )
 from fvs_client.models.visits import Visit, VisitReport, VisitState
 from fvs_client.models.volumes import Box, Corridor, Cylinder, Prism, Shell, Volume
+from fvs_client.models.webhooks import WebhookState
 from fvs_client.retries import NO_RETRIES, Retries
 from fvs_client.uploads import Outcome, UploadedFile, UploadProgress, UploadReport
 
@@ -127,6 +130,7 @@ __all__ = [
     "AsyncRanking",
     "AsyncScene",
     "AsyncSnapshot",
+    "AsyncWebhook",
     "AutomaticWorld",
     "Autopilot",
     "Box",
@@ -237,6 +241,8 @@ __all__ = [
     "Volume",
     "WaitReason",
     "WaitTimeoutError",
+    "Webhook",
+    "WebhookState",
     "WorkerStatus",
     "World",
 ]

@@ -16,6 +16,7 @@ from fvs_client.models.plans import PlanRequest
 from fvs_client.models.rankings import RankingRequest
 from fvs_client.models.scenes import SceneChange, SceneRequest
 from fvs_client.models.visits import VisitReport
+from fvs_client.models.webhooks import WebhookRequest
 
 REQUEST_ID = "X-Request-Id"
 EVENT_STREAM = "text/event-stream"
@@ -231,6 +232,31 @@ def create_ranking(
 def report_visits(scene_id: str, report: VisitReport) -> Request:
     """Report what a vehicle does about views."""
     return Request("POST", f"/v1/scenes/{_part(scene_id)}/visits", document=report.document())
+
+
+def create_webhook(scene_id: str, webhook: WebhookRequest) -> Request:
+    """Create a webhook."""
+    return Request("POST", f"/v1/scenes/{_part(scene_id)}/webhooks", document=webhook.document())
+
+
+def list_webhooks(scene_id: str) -> Request:
+    """List the webhooks of a scene."""
+    return Request("GET", f"/v1/scenes/{_part(scene_id)}/webhooks")
+
+
+def get_webhook(webhook_id: str) -> Request:
+    """Get a webhook."""
+    return Request("GET", f"/v1/webhooks/{_part(webhook_id)}")
+
+
+def enable_webhook(webhook_id: str) -> Request:
+    """Try the deliveries of a webhook now."""
+    return Request("POST", f"/v1/webhooks/{_part(webhook_id)}:enable")
+
+
+def delete_webhook(webhook_id: str) -> Request:
+    """Delete a webhook."""
+    return Request("DELETE", f"/v1/webhooks/{_part(webhook_id)}")
 
 
 def list_visits(scene_id: str) -> Request:

@@ -23,6 +23,7 @@ from fvs_service.storage.tables import (
     SnapshotArtifactRow,
     SnapshotRow,
     Table,
+    WebhookRow,
 )
 
 
@@ -35,6 +36,8 @@ def delete_scene(session: Session, scene_id: str) -> None:
     remove_later(session, scene_id, scene_prefix(scene_id))
     for table, rows in _tables_of(scene_id):
         session.execute(table.delete().where(rows))
+    # The others go once they have delivered the last event.
+    session.execute(delete(WebhookRow).where(WebhookRow.scene_id == scene_id, WebhookRow.disabled))
     session.execute(delete(EventRow).where(EventRow.scene_id == scene_id))
     session.execute(delete(SceneRow).where(SceneRow.id == scene_id))
     publish(session, scene_id, EventKind.SCENE_DELETED, {})

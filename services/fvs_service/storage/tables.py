@@ -328,6 +328,31 @@ class EventRow(Table):
     )
 
 
+class WebhookRow(Table):
+    """A webhook, and how far its deliveries are: up to the event ``delivered``.
+
+    It outlives its scene until it has delivered the scene's last event. ``not_before_ms``: when the next
+    delivery may begin, and until when a gateway has claimed the webhook (the database's clock).
+    """
+
+    __tablename__ = "webhooks"
+
+    id: Mapped[str] = mapped_column(String(40), primary_key=True)
+    scene_id: Mapped[str] = mapped_column(String(40), index=True)
+    tenant_id: Mapped[str] = mapped_column(String(64))
+    url: Mapped[str] = mapped_column(String(2_000))
+    secret: Mapped[str] = mapped_column(String(100))
+    kinds: Mapped[list[Any]]
+    delivered: Mapped[int] = mapped_column(BigInteger)
+    not_before_ms: Mapped[int] = mapped_column(BigInteger)
+    failures: Mapped[int]
+    failing_since: Mapped[datetime | None]
+    error: Mapped[str | None] = mapped_column(String(500))
+    disabled: Mapped[bool]
+    created_at: Mapped[datetime]
+    delivered_at: Mapped[datetime | None]
+
+
 class RemovalRow(Table):
     """Blobs to remove once they are due: one, or all below a ``key`` that ends with a slash.
 

@@ -6,7 +6,15 @@ from functools import cache
 from typing import Any
 
 import orjson
-from fvs.v1 import capabilities_pb2, images_pb2, jobs_pb2, scenes_pb2, snapshots_pb2, views_pb2
+from fvs.v1 import (
+    capabilities_pb2,
+    images_pb2,
+    jobs_pb2,
+    scenes_pb2,
+    snapshots_pb2,
+    views_pb2,
+    webhooks_pb2,
+)
 from fvs_service.application import Application
 from fvs_service.gateway.capabilities import capabilities_of
 from fvs_service.gateway.rest.bodies import parse as parse_body
@@ -22,8 +30,17 @@ from fvs_service.scenes.model import SceneChange, SceneRequest
 from fvs_service.settings import Limits
 from fvs_service.snapshots.model import SnapshotChange
 from fvs_service.visits.model import VisitReport
+from fvs_service.webhooks.model import WebhookRequest
 
-_FILES = (capabilities_pb2, images_pb2, jobs_pb2, scenes_pb2, snapshots_pb2, views_pb2)
+_FILES = (
+    capabilities_pb2,
+    images_pb2,
+    jobs_pb2,
+    scenes_pb2,
+    snapshots_pb2,
+    views_pb2,
+    webhooks_pb2,
+)
 
 
 @dataclass(frozen=True)
@@ -192,6 +209,30 @@ OPERATIONS: dict[str, Operation] = {
         "/v1/scenes/{scene_id}/visits",
         lambda app, who, call: app.visits.report(who, call.scene_id, call.body),
         ("report", VisitReport),
+    ),
+    "CreateWebhook": Operation(
+        "POST",
+        "/v1/scenes/{scene_id}/webhooks",
+        lambda app, who, call: app.webhooks.create(who, call.scene_id, call.body),
+        ("webhook", WebhookRequest),
+    ),
+    "ListWebhooks": Operation(
+        "GET",
+        "/v1/scenes/{scene_id}/webhooks",
+        lambda app, who, call: app.webhooks.of_scene(who, call.scene_id),
+    ),
+    "GetWebhook": Operation(
+        "GET", "/v1/webhooks/{webhook_id}", lambda app, who, call: app.webhooks.get(who, call.webhook_id)
+    ),
+    "EnableWebhook": Operation(
+        "POST",
+        "/v1/webhooks/{webhook_id}:enable",
+        lambda app, who, call: app.webhooks.enable(who, call.webhook_id),
+    ),
+    "DeleteWebhook": Operation(
+        "DELETE",
+        "/v1/webhooks/{webhook_id}",
+        lambda app, who, call: app.webhooks.delete(who, call.webhook_id),
     ),
     "ListVisits": Operation(
         "GET", "/v1/scenes/{scene_id}/visits", lambda app, who, call: app.visits.of_scene(who, call.scene_id)

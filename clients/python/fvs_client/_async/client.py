@@ -12,6 +12,7 @@ from fvs_client._async.rankings import AsyncRankings
 from fvs_client._async.scenes import AsyncScenes
 from fvs_client._async.session import AsyncSession
 from fvs_client._async.snapshots import AsyncSnapshots
+from fvs_client._async.webhooks import AsyncWebhooks
 from fvs_client.connection import Connection
 from fvs_client.models.service import Capabilities, Health
 from fvs_client.retries import Retries
@@ -48,6 +49,7 @@ class AsyncClient:
         self.jobs = AsyncJobs(self._session)
         self.snapshots = AsyncSnapshots(self._session)
         self.rankings = AsyncRankings(self._session)
+        self.webhooks = AsyncWebhooks(self._session)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.url!r})"

@@ -10,6 +10,7 @@ from fvs_client._async.jobs import AsyncJob, AsyncSceneJobs
 from fvs_client._async.rankings import AsyncRanking, stream_ranking
 from fvs_client._async.session import AsyncResource, AsyncSession
 from fvs_client._async.snapshots import AsyncSceneSnapshots
+from fvs_client._async.webhooks import AsyncSceneWebhooks
 from fvs_client.answers import mission_file
 from fvs_client.models.events import Event
 from fvs_client.models.jobs import JobKind
@@ -63,6 +64,11 @@ class AsyncScene(AsyncResource, SceneData):
     def snapshots(self) -> AsyncSceneSnapshots:
         """The scene's snapshots."""
         return AsyncSceneSnapshots(self._session, self.id)
+
+    @property
+    def webhooks(self) -> AsyncSceneWebhooks:
+        """The scene's webhooks."""
+        return AsyncSceneWebhooks(self._session, self.id)
 
     async def refresh(self) -> Self:
         """Get the scene's current state."""

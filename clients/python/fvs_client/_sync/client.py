@@ -13,6 +13,7 @@ from fvs_client._sync.rankings import Rankings
 from fvs_client._sync.scenes import Scenes
 from fvs_client._sync.session import Session
 from fvs_client._sync.snapshots import Snapshots
+from fvs_client._sync.webhooks import Webhooks
 from fvs_client.connection import Connection
 from fvs_client.models.service import Capabilities, Health
 from fvs_client.retries import Retries
@@ -49,6 +50,7 @@ class Client:
         self.jobs = Jobs(self._session)
         self.snapshots = Snapshots(self._session)
         self.rankings = Rankings(self._session)
+        self.webhooks = Webhooks(self._session)
 
     def __repr__(self) -> str:
         return f"{type(self).__name__}({self.url!r})"

@@ -11,6 +11,7 @@ from fvs_client._sync.jobs import Job, SceneJobs
 from fvs_client._sync.rankings import Ranking, stream_ranking
 from fvs_client._sync.session import Resource, Session
 from fvs_client._sync.snapshots import SceneSnapshots
+from fvs_client._sync.webhooks import SceneWebhooks
 from fvs_client.answers import mission_file
 from fvs_client.models.events import Event
 from fvs_client.models.jobs import JobKind
@@ -64,6 +65,11 @@ class Scene(Resource, SceneData):
     def snapshots(self) -> SceneSnapshots:
         """The scene's snapshots."""
         return SceneSnapshots(self._session, self.id)
+
+    @property
+    def webhooks(self) -> SceneWebhooks:
+        """The scene's webhooks."""
+        return SceneWebhooks(self._session, self.id)
 
     def refresh(self) -> Self:
         """Get the scene's current state."""

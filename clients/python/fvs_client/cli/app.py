@@ -16,6 +16,7 @@ from fvs_client.cli import (
     spool,
     status,
     visits,
+    webhooks,
 )
 from fvs_client.cli.options import JsonOption, SceneArgument
 from fvs_client.cli.program import program
@@ -41,6 +42,7 @@ app.command("download")(snapshots.download)
 app.add_typer(snapshots.snapshots, name="snapshots")
 app.add_typer(rankings.rankings, name="rankings")
 app.add_typer(jobs.jobs, name="jobs")
+app.add_typer(webhooks.webhooks, name="webhooks")
 
 
 @app.command("events")

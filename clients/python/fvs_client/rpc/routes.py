@@ -20,6 +20,7 @@ HEALTH = ("GET", "/readyz")
 
 _SCENE, _IMAGE = "/v1/scenes/{scene_id}", "/v1/scenes/{scene_id}/images/{digest}"
 _SNAPSHOT, _RANKING = "/v1/snapshots/{snapshot_id}", "/v1/rankings/{ranking_id}"
+_WEBHOOK = "/v1/webhooks/{webhook_id}"
 _TABLE = (
     ("GET", "/v1/capabilities", "CapabilityService.GetCapabilities"),
     ("POST", "/v1/scenes", "SceneService.CreateScene"),
@@ -47,6 +48,11 @@ _TABLE = (
     ("PATCH", _SNAPSHOT, "SnapshotService.ChangeSnapshot"),
     ("DELETE", _SNAPSHOT, "SnapshotService.DeleteSnapshot"),
     ("GET", f"{_SNAPSHOT}/artifacts/{{name}}", "SnapshotService.DownloadArtifact"),
+    ("POST", f"{_SCENE}/webhooks", "WebhookService.CreateWebhook"),
+    ("GET", f"{_SCENE}/webhooks", "WebhookService.ListWebhooks"),
+    ("GET", _WEBHOOK, "WebhookService.GetWebhook"),
+    ("POST", f"{_WEBHOOK}:enable", "WebhookService.EnableWebhook"),
+    ("DELETE", _WEBHOOK, "WebhookService.DeleteWebhook"),
     ("POST", f"{_SCENE}/rankings", "ViewService.RankViews"),
     ("POST", f"{_SCENE}/plans", "ViewService.PlanViews"),
     ("POST", f"{_SCENE}/visits", "ViewService.ReportVisits"),

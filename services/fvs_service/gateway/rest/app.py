@@ -3,7 +3,8 @@
 import asyncio
 import contextlib
 import importlib.metadata
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Callable, Coroutine
+from typing import Any
 
 import anyio
 import anyio.to_thread
@@ -30,6 +31,7 @@ from fvs_service.gateway.rest import (
     snapshots,
     uploads,
     visits,
+    webhooks,
 )
 from fvs_service.gateway.rest.body_guard import BodyGuard
 from fvs_service.gateway.rest.compression import Compression
@@ -44,6 +46,8 @@ from fvs_service.settings import Settings
 from fvs_service.storage.notifications import Topic
 from fvs_service.telemetry import Metrics
 from fvs_service.tracing import Tracing
+from fvs_service.webhooks.deliveries import Deliveries
+from fvs_service.webhooks.sending import Sender
 
 _THREADS = 160
 """Threads of handlers that may wait at the same time, for the database or for a runner."""
@@ -62,6 +66,7 @@ _RESOURCES = (
     visits,
     missions,
     snapshots,
+    webhooks,
     capabilities,
 )
 
@@ -96,14 +101,24 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
             )
             metrics.registry.register(fleet)
             app.state.loop_lag, app.state.parsing = loop_lag, anyio.CapacityLimiter(_PARSERS)
+            notified: list[Callable[[], object]] = [feed.notify]
+            delivering: tuple[Coroutine[Any, Any, None], ...] = ()
+            if not application.destinations.none:
+                sender = Sender(application.destinations)
+                deliveries = Deliveries(application.storage.database, sender, poll_s=settings.event_poll_s)
+                notified.append(deliveries.notify)
+                delivering = (deliveries.run(),)
             watching = asyncio.gather(
+                *delivering,
                 feed.watch(),
                 loop_lag.watch(),
                 prune_regularly(
                     settings.sweep_s, application.partial_uploads.prune, application.resumable_uploads.prune
                 ),
             )
-            subscription = application.storage.database.subscribe({Topic.EVENTS: feed.notify})
+            subscription = application.storage.database.subscribe(
+                {Topic.EVENTS: lambda: [notify() for notify in notified]}
+            )
             try:
                 yield
             finally:

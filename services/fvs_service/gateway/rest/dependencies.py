@@ -131,6 +131,7 @@ SceneId = Annotated[str, _id("scn", "scene")]
 JobId = Annotated[str, _id("job", "job")]
 SnapshotId = Annotated[str, _id("snp", "snapshot")]
 RankingId = Annotated[str, _id("rnk", "ranking")]
+WebhookId = Annotated[str, _id("whk", "webhook")]
 
 
 Permission: TypeAlias = Callable[[], None]

@@ -15,8 +15,8 @@ from starlette.requests import Request
 
 from fvs_service.errors import InvalidRequestError, MalformedRequestError, UnsupportedMediaTypeError
 from fvs_service.gateway.rest.bodies import blocks
-from fvs_service.gateway.uninterrupted import to_its_end
 from fvs_service.images.staging import Receiver, StagedFile, StagingArea
+from fvs_service.uninterrupted import to_its_end
 
 _MAX_HEADER_BYTES = 8_192
 _MAX_HEADERS = 16

@@ -14,7 +14,6 @@ from fvs_service.errors import (
 )
 from fvs_service.gateway.rest.bodies import blocks, declared_bytes
 from fvs_service.gateway.rest.tus import Checksum
-from fvs_service.gateway.uninterrupted import to_its_end
 from fvs_service.images.model import Image
 from fvs_service.images.resumable_uploads import (
     ResumableUpload,
@@ -26,6 +25,7 @@ from fvs_service.images.staging import require_digest
 from fvs_service.images.upload_places import UploadPlace
 from fvs_service.principal import Principal
 from fvs_service.telemetry import Metrics
+from fvs_service.uninterrupted import to_its_end
 
 
 class Reception:

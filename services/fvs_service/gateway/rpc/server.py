@@ -19,6 +19,7 @@ from fvs_service.gateway.rpc.reflection import serve_reflection
 from fvs_service.gateway.rpc.scenes import SceneServicer
 from fvs_service.gateway.rpc.snapshots import SnapshotServicer
 from fvs_service.gateway.rpc.views import ViewServicer
+from fvs_service.gateway.rpc.webhooks import WebhookServicer
 from fvs_service.settings import Settings
 
 _CALLS_OF_TRANSPORT = MAX_CALLS + 256
@@ -56,6 +57,7 @@ class RpcServer:
             JobServicer(gateway.application),
             SnapshotServicer(gateway.application),
             ViewServicer(gateway.application),
+            WebhookServicer(gateway.application),
             CapabilityServicer(gateway.application),
         )
         self._server.add_generic_rpc_handlers(tuple(handlers_of(gateway, servicer) for servicer in servicers))

@@ -11,13 +11,13 @@ from fvs_service.application import Application
 from fvs_service.errors import InvalidRequestError, MalformedRequestError, OutOfSpaceError
 from fvs_service.gateway.rpc.calls import parsed
 from fvs_service.gateway.rpc.conversion import pick, read, write
-from fvs_service.gateway.uninterrupted import to_its_end
 from fvs_service.gateway.upload_pace import UploadPace
 from fvs_service.images.model import Image, ImageMetadata
 from fvs_service.images.partial_uploads import NewUpload
 from fvs_service.images.staging import Receiver, require_digest
 from fvs_service.principal import Principal, Scope
 from fvs_service.telemetry import Metrics
+from fvs_service.uninterrupted import to_its_end
 
 _SMALL_CHUNK_BYTES, _FREE_CHUNKS = 64, 256
 """A stream may have this many chunks of any size; beyond that, the mean size is checked, as over HTTP."""

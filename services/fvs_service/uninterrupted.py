@@ -1,4 +1,4 @@
-"""Work that the end of a request does not interrupt.
+"""Work that a cancellation does not interrupt.
 
 Cancelling a task that waits for a thread does not end the thread: it continues with files that no longer have
 an owner.

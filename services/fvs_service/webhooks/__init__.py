@@ -1,0 +1,1 @@
+"""Webhooks: events of scenes, sent to other services."""

@@ -1,0 +1,68 @@
+"""Webhooks on the wire."""
+
+from enum import StrEnum
+from typing import Annotated
+
+from pydantic import ConfigDict, Field
+
+from fvs_service.events.model import EventKind
+from fvs_service.model import Model, Timestamp
+
+
+class WebhookState(StrEnum):
+    """Whether a webhook's deliveries succeed."""
+
+    ACTIVE = "active"
+    FAILING = "failing"
+    """The last delivery failed; it is tried again, with growing pauses."""
+    DISABLED = "disabled"
+    """Deliveries failed for three days; none is tried until the webhook is enabled."""
+
+
+class WebhookRequest(Model):
+    """A webhook to create."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [{"url": "https://hooks.example/fvs", "events": ["job.succeeded", "job.failed"]}]
+        }
+    )
+
+    url: Annotated[str, Field(max_length=2_000, pattern=r"^https?://[!-~]+$")]
+    """Where events are sent. Its host is one that the operator allows."""
+    events: Annotated[tuple[EventKind, ...], Field(min_length=1, max_length=32)]
+    """The kinds of events to send; besides them `events.deleted`, where some were deleted undelivered."""
+
+
+class Webhook(Model):
+    """A webhook of a scene, and the state of its deliveries."""
+
+    id: str
+    scene_id: str
+    url: str
+    events: tuple[EventKind, ...]
+    state: WebhookState
+    delivered: int
+    """The number of the last event that was delivered, or is not one to send."""
+    pending: int
+    """Number of events that wait for their delivery."""
+    failures: int
+    """Number of failed attempts since the last delivery."""
+    failing_since: Timestamp | None
+    error: str | None
+    """Why the last attempt failed."""
+    created_at: Timestamp
+    delivered_at: Timestamp | None
+
+
+class NewWebhook(Webhook):
+    """A webhook that was just created, with its secret, which cannot be read again."""
+
+    secret: str
+    """Signs the deliveries (Standard Webhooks): `whsec_` and the key in base64."""
+
+
+class WebhookList(Model):
+    """The webhooks of a scene, the oldest first."""
+
+    webhooks: tuple[Webhook, ...]
