@@ -42,7 +42,7 @@ class Program(TyperGroup):
 
     def invoke(self, ctx: Any) -> Any:
         """See ``TyperGroup``."""
-        with _usage_errors(as_json=ctx.meta[__name__]):
+        with _usage_errors(ctx, as_json=ctx.meta[__name__]):
             return super().invoke(ctx)
 
 
@@ -53,7 +53,8 @@ def print_error(code: str, message: str, hint: str, **details: Any) -> None:
 
 
 @contextmanager
-def _usage_errors(*, as_json: bool) -> Iterator[None]:
+def _usage_errors(running: Any = None, *, as_json: bool) -> Iterator[None]:
+    """Reword wrong usage, and print it as JSON; ``running`` is the context in which a command runs."""
     try:
         yield
     except TyperException as error:
@@ -61,9 +62,12 @@ def _usage_errors(*, as_json: bool) -> Iterator[None]:
             error.message = error.message.replace(words, plain)
         if not as_json:
             raise
-        context = getattr(error, "ctx", None)
-        hint = "" if context is None else f"`{context.command_path} --help` describes the options."
-        print_error("usage", error.format_message(), hint)
+        context, command = getattr(error, "ctx", None), ""
+        if context is not None:
+            command = context.command_path
+        elif running is not None:
+            command = f"{running.command_path} {running.invoked_subcommand}"
+        print_error("usage", error.format_message(), command and f"`{command} --help` describes the options.")
         raise typer.Exit(error.exit_code) from error
 
 

@@ -89,10 +89,11 @@ def _error(name: str, words: Sequence[str]) -> dict[str, str]:
         ("fvs evaluate data --out out --seeds x --json", "not a list of whole numbers", "fvs evaluate"),
         ("fvs keys --json create", "--json", "fvs keys"),
         ("fvs-client scenes create --json", "Missing argument", "fvs-client scenes create"),
-        ("fvs-client --json rank x --radius 3", "--radius needs --current", ""),
+        ("fvs-client --json rank x --radius 3", "--radius needs --current", "fvs-client rank"),
         ("fvs-client jobs lst --json", "Did you mean 'list'", "fvs-client jobs"),
+        ("fvs-client scenes create x --origin 99 0 0 --json", "99.0 is not", "fvs-client scenes create"),
         ("fvs-client upload x no-folder --json", "path 'no-folder' does not exist", "fvs-client upload"),
-        ("fvs-client --url nowhere status --json", "is not the URL of a service", ""),
+        ("fvs-client --url nowhere status --json", "is not the URL of a service", "fvs-client status"),
     ],
 )
 def test_wrong_usage_is_json_where_json_is_asked_for(line: str, reason: str, command: str) -> None:
@@ -100,9 +101,8 @@ def test_wrong_usage_is_json_where_json_is_asked_for(line: str, reason: str, com
     error = _error(name, words)
     assert error["code"] == "usage"
     assert reason in error["message"]
-    if command:
-        described = error["hint"].replace("`root ", f"`{name} ")
-        assert described == f"`{command} --help` describes the options."
+    described = error["hint"].replace("`root ", f"`{name} ")
+    assert described == f"`{command} --help` describes the options."
 
 
 @pytest.mark.parametrize("name", APPS)
