@@ -57,6 +57,7 @@ _PROCESS_FILES = (
     "fvs_engine/splat/test_processes.py",
     "fvs_service/test_abandoned_rankings.py",
     "fvs_service/webhooks/test_deliveries.py",
+    "fvs_service/webhooks/test_sending.py",
     "fvs_service/test_streamed_rankings.py",
     "fvs_service/test_certificates.py",
     "fvs_service/test_connection.py",

@@ -1,8 +1,5 @@
 """The settings of the service: one frozen object."""
 
-import contextlib
-import ipaddress
-import re
 from pathlib import Path
 from typing import Annotated, Literal
 
@@ -17,7 +14,7 @@ from pydantic_settings import (
 from fvs_engine.images.limits import MAX_ASPECT_RATIO, MAX_PIXELS, MAX_SIDE_PX, MIN_SIDE_PX, ImageLimits
 from fvs_engine.records import Record
 from fvs_service.environment import PREFIX, FilesOfEnvironment, UnknownOfEnvironment
-from fvs_service.host_names import host_of, is_loopback
+from fvs_service.host_names import host_of, is_loopback, name_or_network, web_origin
 
 MEGABYTE = 1_000_000
 GIGABYTE = 1_000 * MEGABYTE
@@ -30,27 +27,8 @@ def _names(value: object) -> object:
     )
 
 
-def _origin(name: str) -> str:
-    """A web origin as browsers send it."""
-    origin = name.rstrip("/").lower()
-    if re.fullmatch(r"https?://[^/?#@*\s]+", origin) is None:
-        raise ValueError(f"{name} is not an origin, such as https://console.example or http://127.0.0.1:3000")
-    return origin
-
-
-_Origin = Annotated[str, AfterValidator(_origin)]
-
-
-def _webhook_host(name: str) -> str:
-    """A name, an address or a network."""
-    with contextlib.suppress(ValueError):
-        return str(ipaddress.ip_network(name))
-    if re.fullmatch(r"[A-Za-z0-9_-]+(\.[A-Za-z0-9_-]+)*", name) is None:
-        raise ValueError(f"{name} is neither a name nor an address nor a network, such as hooks.example")
-    return name.lower()
-
-
-_WebhookHost = Annotated[str, AfterValidator(_webhook_host)]
+_Origin = Annotated[str, AfterValidator(web_origin)]
+_WebhookHost = Annotated[str, AfterValidator(name_or_network)]
 
 # Numbers beyond these have no sense, and some of them overflow clocks and timers.
 _Bytes = Annotated[int, Field(ge=1, le=1_000_000 * GIGABYTE)]

@@ -49,7 +49,8 @@ class Sender:
         except RefusedDestinationError as error:
             raise DeliveryError(str(error)) from error
         except (OSError, asyncio.IncompleteReadError, asyncio.LimitOverrunError, ValueError) as error:
-            raise DeliveryError(f"No answer: {error or type(error).__name__}.") from error
+            reason = getattr(error, "strerror", None) or str(error) or type(error).__name__
+            raise DeliveryError(f"No answer: {reason}.") from error
         if not HTTPStatus.OK <= status < HTTPStatus.MULTIPLE_CHOICES:
             raise DeliveryError(f"The answer was {status}.")
 
