@@ -115,14 +115,14 @@ def _of_access(storage: Storage) -> Iterator[Trouble]:
     """Access without keys from other machines, and keys that let nobody in."""
     hosts = storage.settings.remote_hosts
     try:
-        access = access_of(storage)
+        access_of(storage)
     except ForbiddenError as error:
         yield Trouble(error.message, error.hint)
     else:
         if hosts and not storage.keys.required:
             yield Trouble(
-                f"{access} Whoever reaches the service as {' or '.join(hosts)} may use it.",
-                "Unset FVS_REQUIRE_KEYS unless something else keeps strangers out.",
+                f"Whoever reaches the service as {' or '.join(hosts)} may use it: FVS_REQUIRE_KEYS is false.",
+                "Unset it unless something else keeps strangers out.",
             )
 
 
