@@ -24,8 +24,11 @@ class WorkerStatus(Model):
     """A worker: whether it is alive, and what it has loaded."""
 
     id: str
+    """The worker's id."""
     alive: bool
+    """Whether it sends heartbeats."""
     heartbeat_age_s: Number
+    """The time since its last heartbeat."""
     backend: str
     """The rasteriser that it uses; until its first runner has started the one that it is set to."""
     slots: Count

@@ -4,44 +4,14 @@ from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
 from typing import Annotated, Generic, Self, TypeVar
 
-from pydantic import (
-    AwareDatetime,
-    BaseModel,
-    BeforeValidator,
-    ConfigDict,
-    Field,
-    GetJsonSchemaHandler,
-    ValidationInfo,
-)
-from pydantic.json_schema import JsonSchemaValue
-from pydantic_core import CoreSchema, PydanticCustomError
+from pydantic import AwareDatetime, BeforeValidator, Field, ValidationInfo
+from pydantic_core import PydanticCustomError
 
-from fvs_service.field_docstrings import field_docstrings
+from fvs_engine.records import Record
 
 
-class Model(BaseModel):
-    """Base of requests and responses: frozen; unknown fields and non-finite numbers are errors.
-
-    Docstrings of fields become descriptions in the OpenAPI document.
-    """
-
-    model_config = ConfigDict(frozen=True, extra="forbid", allow_inf_nan=False)
-
-    @classmethod
-    def __get_pydantic_json_schema__(
-        cls, schema: CoreSchema, handler: GetJsonSchemaHandler, /
-    ) -> JsonSchemaValue:
-        """The JSON schema, with the docstrings of the fields.
-
-        pydantic's ``use_attribute_docstrings`` reads the sources whenever a process starts.
-        """
-        described = handler(schema)
-        properties = handler.resolve_ref_schema(described).get("properties", {})
-        for base in (base for base in cls.__mro__ if issubclass(base, Model)):
-            for name, docstring in field_docstrings(base.__module__).get(base.__name__, {}).items():
-                if name in properties:
-                    properties[name].setdefault("description", docstring)
-        return described
+class Model(Record):
+    """Base of requests and responses. Docstrings of fields become descriptions in the OpenAPI document."""
 
 
 Number = Annotated[float, Field(strict=True, allow_inf_nan=False)]
@@ -118,6 +88,7 @@ class Listing(Model, Generic[ItemT]):
     """A page of a list."""
 
     items: tuple[ItemT, ...]
+    """The items of this page."""
     next: str | None
     """The cursor of the next page; null on the last one."""
 

@@ -10,10 +10,10 @@ import typer
 from fvs_client.cli import error_exit_codes, exit_codes
 from fvs_client.cli.app import app as fvs_client
 from fvs_service.environment import OF_OTHERS, variables_of
-from fvs_service.field_docstrings import field_docstrings
 from fvs_service.settings import BlobSettings, Limits, Retention, Settings, WorkerSettings
 
 from fvs_engine.cli.app import app as fvs
+from fvs_engine.field_docstrings import field_docstrings
 
 REPOSITORY = Path(__file__).resolve().parent.parent.parent
 PAGES = [

@@ -18,9 +18,9 @@ _BODIES: dict[str, Any] = {
     "check_images": {"digests": [f"sha256:{'0' * 64}"]},
     "create_job": {"kind": "update"},
     "create_mission": {"views": [{"id": "a", "pose": _POSE}]},
-    "create_plan": {"generator": {"kind": "orbit", "count": 3}},
-    "create_ranking": {"generator": {"kind": "orbit", "count": 3}},
     "create_webhook": {"url": "https://hooks.example/", "events": ["job.failed"]},
+    "plan_views": {"generator": {"kind": "orbit", "count": 3}},
+    "rank_views": {"generator": {"kind": "orbit", "count": 3}},
     "report_visits": {
         **{"vehicle": "a", "state": "taken"},
         "views": [{"id": "b", "pose": {"position": [0, 0, 9], "orientation_wxyz": [1, 0, 0, 0]}}],
@@ -45,7 +45,7 @@ class Route:
             more["params"] = {"format": "csv"}
         if self.method == "put":
             more = {"content": photograph}
-        if self.operation["operationId"].startswith("post_images"):
+        if self.operation["operationId"].startswith("upload_images"):
             more = {"files": {"file": ("a.jpg", photograph)}}
         if self.template.startswith("/v1/uploads"):
             headers = {**headers, **_TUS}
@@ -178,7 +178,7 @@ def test_scopes_limit_what_a_key_does(locked: Any, owned: dict[str, str], photog
         locked.client.post("/v1/scenes", json={"name": "a"}, headers=reader),
         locked.client.post(f"{scene}/jobs", json={"kind": "update"}, headers=reader),
         locked.client.post(f"/v1/jobs/{owned['job_id']}:cancel", headers=reader),
-        locked.client.post(f"{scene}/rankings", json=_BODIES["create_ranking"], headers=reader),
+        locked.client.post(f"{scene}/rankings", json=_BODIES["rank_views"], headers=reader),
         locked.put(owned["scene_id"], photograph(5), reader),
     ]
     assert [answer.status_code for answer in refused] == [403] * len(refused)

@@ -1,4 +1,5 @@
 import contextlib
+import re
 from collections import Counter
 from typing import Any
 
@@ -19,6 +20,15 @@ def _operations(document: dict[str, Any]) -> list[tuple[str, str, dict[str, Any]
         for path, operations in document["paths"].items()
         for method, operation in operations.items()
     ]
+
+
+def _references(node: Any) -> list[dict[str, Any]]:
+    """All objects below ``node`` that refer to a schema."""
+    if not isinstance(node, dict | list):
+        return []
+    own = [node] if isinstance(node, dict) and "$ref" in node else []
+    inner = node.values() if isinstance(node, dict) else node
+    return own + [reference for part in inner for reference in _references(part)]
 
 
 def test_the_document_is_openapi_31_and_names_every_operation(document: dict[str, Any]) -> None:
@@ -48,6 +58,82 @@ def test_the_document_is_openapi_31_and_names_every_operation(document: dict[str
         assert wanted in paths
 
 
+def test_operations_have_names_that_a_person_would_choose(document: dict[str, Any]) -> None:
+    """Those of the methods of gRPC, where there is one (``tests/contract`` relates the two)."""
+    names = [operation["operationId"] for _, _, operation in _operations(document)]
+    assert len({*names}) == len(names)
+    assert all(re.fullmatch(r"[a-z]+(_[a-z]+)+", name) for name in names)
+    assert {"create_scene", "upload_image", "create_job", "rank_views", "plan_views"} < {*names}
+    tags = {tag["name"] for tag in document["tags"] if tag["description"]}
+    assert all(len(operation["tags"]) == 1 for _, _, operation in _operations(document))
+    assert {tag for _, _, operation in _operations(document) for tag in operation["tags"]} == tags
+    assert [server["url"] for server in document["servers"]] == ["/"]
+
+
+def test_every_part_is_described(document: dict[str, Any]) -> None:
+    for method, path, operation in _operations(document):
+        for parameter in operation.get("parameters", []):
+            assert parameter["description"], (method, path, parameter["name"])
+        for status, response in operation["responses"].items():
+            assert response["description"], (method, path, status)
+    for name, schema in document["components"]["schemas"].items():
+        assert schema["description"], name
+        for field, part in schema.get("properties", {}).items():
+            described = part.get("description", "")
+            assert described, f"{name}.{field}"
+            assert not described.startswith("Default:"), f"{name}.{field}"
+
+
+def test_generators_of_clients_can_read_the_schemas(document: dict[str, Any]) -> None:
+    """What they cannot read: other keywords than properties at the root, and defaults of fields.
+
+    A header or a parameter of a query cannot be null; binary bodies and streams have a type.
+    """
+    readable = {"type", "properties", "required", "additionalProperties", "description", "examples", "enum"}
+    for name, schema in document["components"]["schemas"].items():
+        assert schema.keys() <= readable, name
+        for field, part in schema.get("properties", {}).items():
+            assert not {"default", "title"} & part.keys(), f"{name}.{field}"
+    for method, path, operation in _operations(document):
+        for parameter in operation.get("parameters", []):
+            assert "anyOf" not in parameter["schema"], (method, path, parameter["name"])
+        for part in (operation.get("requestBody", {}), *operation["responses"].values()):
+            for kind, content in part.get("content", {}).items():
+                assert content.get("schema") or kind == "application/json", (method, path, kind)
+
+
+def test_requests_may_leave_out_what_responses_have(document: dict[str, Any]) -> None:
+    schemas = document["components"]["schemas"]
+    assert schemas["Policy"].get("required", []) == []
+    assert schemas["Policy"]["properties"]["k"]["description"].endswith("Default: `10`.")
+    assert schemas["PolicyOutput"]["required"] == [*schemas["PolicyOutput"]["properties"]]
+    assert schemas["Scene"]["properties"]["policy"]["$ref"].endswith("/PolicyOutput")
+    assert schemas["SceneRequest"]["required"] == ["name"]
+    outputs = {
+        one["$ref"].rpartition("/")[2]
+        for _, _, operation in _operations(document)
+        for one in _references(operation["responses"])
+    }
+    while (
+        more := {one["$ref"].rpartition("/")[2] for name in outputs for one in _references(schemas[name])}
+        - outputs
+    ):
+        outputs |= more
+    for name in outputs:
+        assert schemas[name].get("required", []) == [*schemas[name].get("properties", {})], name
+
+
+def test_other_methods_are_refused_at_every_path(gateway: Any, document: dict[str, Any]) -> None:
+    """405 with ``Allow``, also where a path with an id matches one with a verb, such as ``…:exclude``."""
+    for path, operations in document["paths"].items():
+        here = re.sub(r"\{hexadecimal\}", "0" * 64, re.sub(r"\{(?!hexadecimal)\w+\}", "x", path))
+        allowed = {method.upper() for method in operations}
+        for method in {"GET", "POST", "PUT", "PATCH", "DELETE", "TRACE"} - allowed:
+            answer = gateway.client.request(method, here)
+            assert answer.status_code == 405, (method, here, answer.text)
+            assert allowed <= {*answer.headers["Allow"].split(", ")}, (method, here)
+
+
 def test_fields_are_described_by_their_docstrings(document: dict[str, Any]) -> None:
     fields = document["components"]["schemas"]["SceneList"]["properties"]
     assert fields["next"]["description"] == "The cursor of the next page; null on the last one."
@@ -74,13 +160,7 @@ def test_examples_work_when_they_are_pasted(gateway: Any, document: dict[str, An
 
 
 def test_every_reference_in_the_document_leads_somewhere(document: dict[str, Any]) -> None:
-    def references(node: Any) -> set[str]:
-        if not isinstance(node, dict | list):
-            return set()
-        own = {node["$ref"]} if isinstance(node, dict) and "$ref" in node else set()
-        return own.union(*map(references, node.values() if isinstance(node, dict) else node))
-
-    found = references(document)
+    found = {part["$ref"] for part in _references(document)}
     assert "#/components/schemas/Problem" in found
     assert found <= {f"#/components/schemas/{name}" for name in document["components"]["schemas"]}
 

@@ -36,6 +36,7 @@ class BaseVolume(Record):
     """What all volumes can do; ``up`` is the direction of their heights, of any length."""
 
     up: Vector = UP
+    """The direction of heights, of any length."""
 
     @model_validator(mode="after")
     def _is_usable(self) -> Self:

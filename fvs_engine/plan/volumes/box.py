@@ -25,9 +25,13 @@ class Box(BaseVolume):
     """
 
     kind: Literal["box"] = "box"
+    """The volume's name."""
     centre: Vector
+    """The middle of the box."""
     size: tuple[Length, Length, Length]
+    """Its extent along the first level side, along the second, and up."""
     along: Vector | None = None
+    """The direction of the first side, made level; by default x."""
 
     def contains(self, points: Array) -> Mask:
         """See ``BaseVolume``."""

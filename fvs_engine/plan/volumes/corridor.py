@@ -24,8 +24,11 @@ class Corridor(BaseVolume):
     """Along a path: within ``radius`` of the line through its corners."""
 
     kind: Literal["corridor"] = "corridor"
+    """The volume's name."""
     path: Annotated[tuple[Vector, ...], Field(min_length=2, max_length=MOST_CORNERS, fail_fast=True)]
+    """The corners of its line, in order."""
     radius: Length
+    """How far from the line it reaches."""
 
     def contains(self, points: Array) -> Mask:
         """See ``BaseVolume``."""

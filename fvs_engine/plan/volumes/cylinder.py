@@ -13,9 +13,13 @@ class Cylinder(BaseVolume):
     """An upright cylinder of ``radius`` and ``height``, over its ``base``, the middle of the lower disc."""
 
     kind: Literal["cylinder"] = "cylinder"
+    """The volume's name."""
     base: Vector
+    """The middle of the lower disc."""
     radius: Length
+    """The radius of the discs."""
     height: Length
+    """The distance between them."""
 
     def contains(self, points: Array) -> Mask:
         """See ``BaseVolume``."""

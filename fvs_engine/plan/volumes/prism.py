@@ -28,9 +28,13 @@ class Prism(BaseVolume):
     """
 
     kind: Literal["prism"] = "prism"
+    """The volume's name."""
     corners: Annotated[tuple[Vector, ...], Field(min_length=3, max_length=MOST_CORNERS, fail_fast=True)]
+    """The corners in order around the polygon; only their level position counts."""
     lower: Number
+    """The lower height, over the origin of the frame along `up`."""
     upper: Number
+    """The upper height."""
 
     def contains(self, points: Array) -> Mask:
         """See ``BaseVolume``."""

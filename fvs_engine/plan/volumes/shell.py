@@ -27,10 +27,15 @@ class Shell(BaseVolume):
     """
 
     kind: Literal["shell"] = "shell"
+    """The volume's name."""
     centre: Vector
+    """The middle of the object."""
     inner: Annotated[float, Field(strict=True, ge=0.0, le=MAX_COORDINATE)]
+    """The least distance from it."""
     outer: Length
+    """The greatest distance from it."""
     above: Number | None = None
+    """Only from this height over the centre, along `up`; it may be negative. By default at all heights."""
 
     def contains(self, points: Array) -> Mask:
         """See ``BaseVolume``."""

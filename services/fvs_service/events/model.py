@@ -36,7 +36,12 @@ class Event(Model):
     """One event; ``number`` increases, and a client resumes after it."""
 
     number: int
+    """Increases from event to event; a stream continues after it."""
     scene_id: str
+    """The scene."""
     kind: EventKind
+    """What happened."""
     data: dict[str, Any]
+    """The ids and values that belong to this kind of event."""
     created_at: Timestamp
+    """When it happened."""

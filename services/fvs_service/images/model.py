@@ -104,18 +104,31 @@ class Prior(Model):
     """
 
     source: PriorSource
+    """Whether it comes from the request or from the file's metadata."""
     latitude_deg: float | None = None
+    """Geodetic latitude on WGS 84, north positive."""
     longitude_deg: float | None = None
+    """Longitude, east positive."""
     altitude_m: float | None = None
+    """Altitude above `altitude_datum`."""
     altitude_datum: AltitudeDatum | None = None
+    """What the altitude is measured from."""
     x_m: float | None = None
+    """x in the scene's local frame."""
     y_m: float | None = None
+    """y in the scene's local frame."""
     z_m: float | None = None
+    """z in the scene's local frame, up."""
     yaw_deg: float | None = None
+    """The camera's heading, clockwise from north."""
     pitch_deg: float | None = None
+    """Up is positive: -90 looks straight down."""
     roll_deg: float | None = None
+    """Positive with the right side down."""
     position_sigma_m: float | None = None
+    """Standard deviation of each coordinate of the position."""
     attitude_sigma_deg: float | None = None
+    """Standard deviation of the orientation about each axis."""
 
     @property
     def geodetic(self) -> bool:
@@ -141,20 +154,34 @@ class ImageMetadata(Model):
     and angles that are used.
     """
 
-    name: ImageName | None = None
-    captured_at: Timestamp | None = None
-    latitude_deg: AsText[Latitude] | None = None
-    longitude_deg: AsText[Longitude] | None = None
-    altitude_m: AsText[Altitude] | None = None
-    altitude_datum: AltitudeDatum | None = None
-    x_m: AsText[Coordinate] | None = None
-    y_m: AsText[Coordinate] | None = None
-    z_m: AsText[Coordinate] | None = None
-    yaw_deg: AsText[Yaw] | None = None
-    pitch_deg: AsText[Tilt] | None = None
-    roll_deg: AsText[Tilt] | None = None
-    position_sigma_m: AsText[PositionSigma] | None = None
-    attitude_sigma_deg: AsText[AngleSigma] | None = None
+    name: ImageName | None = Field(
+        default=None, description="The name of the image, without folders; by default its digest."
+    )
+    captured_at: Timestamp | None = Field(default=None, description="When the photograph was taken.")
+    latitude_deg: AsText[Latitude] | None = Field(
+        default=None, description="Geodetic latitude on WGS 84, north positive."
+    )
+    longitude_deg: AsText[Longitude] | None = Field(default=None, description="Longitude, east positive.")
+    altitude_m: AsText[Altitude] | None = Field(default=None, description="Altitude above `altitude_datum`.")
+    altitude_datum: AltitudeDatum | None = Field(
+        default=None, description="What the altitude is measured from; by default sea level."
+    )
+    x_m: AsText[Coordinate] | None = Field(default=None, description="x in the scene's local frame.")
+    y_m: AsText[Coordinate] | None = Field(default=None, description="y in the scene's local frame.")
+    z_m: AsText[Coordinate] | None = Field(default=None, description="z in the scene's local frame, up.")
+    yaw_deg: AsText[Yaw] | None = Field(
+        default=None, description="The camera's heading, clockwise from north."
+    )
+    pitch_deg: AsText[Tilt] | None = Field(
+        default=None, description="Up is positive: -90 looks straight down."
+    )
+    roll_deg: AsText[Tilt] | None = Field(default=None, description="Positive with the right side down.")
+    position_sigma_m: AsText[PositionSigma] | None = Field(
+        default=None, description="Standard deviation of each coordinate of the position."
+    )
+    attitude_sigma_deg: AsText[AngleSigma] | None = Field(
+        default=None, description="Standard deviation of the orientation about each axis."
+    )
 
     @field_validator("name")
     @classmethod
@@ -188,26 +215,43 @@ class Image(Model):
     """An image of a scene, its verdict and its registration."""
 
     digest: Digest
+    """The SHA-256 of its bytes, which is its id in the scene."""
     scene_id: str
+    """The scene."""
     number: Count
     """Counts in the order of arrival."""
     name: str
+    """The sender's name of it."""
     verdict: Verdict
+    """Whether it can be used."""
     reason: str
     """Why it is not accepted, excluded, quarantined or unregistered; else empty."""
     hint: str
+    """What to do about it; else empty."""
     warnings: tuple[ImageWarning, ...]
+    """Warnings about an accepted image."""
     duplicate_of: Digest | None
+    """The image with the same pixels; null unless it is a duplicate."""
     registration: Registration
+    """Whether it has a pose in the current model."""
     size_bytes: Count
+    """The size of the file."""
     format: str | None
+    """The format of the file, such as `JPEG`; null when it is unreadable."""
     width_px: Count | None
+    """Width; null when it is unreadable."""
     height_px: Count | None
+    """Height; null when it is unreadable."""
     focal_length_px: PositiveNumber | None
+    """The focal length that its EXIF or the scene tells; null without one."""
     sharpness: Number | None
+    """How sharp it is, for comparison with others of the scene; null when it is not accepted."""
     prior: Prior | None
+    """What is known of its pose in advance; null if nothing is."""
     captured_at: Timestamp | None
+    """When the photograph was taken; null when that is not known."""
     received_at: Timestamp
+    """When it arrived."""
 
     @property
     def sha256(self) -> str:
@@ -240,16 +284,20 @@ class DigestCheck(Model):
         Field(min_length=1, max_length=10_000, fail_fast=True),
         within("digests_per_check"),
     ]
+    """SHA-256 of the files, each `sha256:` and 64 hexadecimal digits."""
 
 
 class KnownImage(Model):
     """An image that the scene has, and whether it can be used."""
 
     digest: Digest
+    """The SHA-256 of its bytes."""
     verdict: Verdict
+    """Whether it can be used."""
     reason: str
     """Why it is not accepted, excluded, quarantined or unregistered; else empty."""
     hint: str
+    """What to do about it; else empty."""
 
 
 class DigestAnswer(Model):
@@ -259,7 +307,9 @@ class DigestAnswer(Model):
     """
 
     known: tuple[Digest, ...]
+    """Digests of images that the scene has."""
     missing: tuple[Digest, ...]
+    """Digests of images to send."""
     images: tuple[KnownImage, ...]
     """Images that the scene has, with their verdicts, in the order of `known`."""
 
@@ -268,12 +318,15 @@ class UploadItem(Model):
     """The image of one file of a multipart upload."""
 
     name: str
+    """The name of the file in the form."""
     created: bool
     """Whether it is new to the scene."""
     image: Image
+    """The image, with its verdict."""
 
 
 class UploadAnswer(Model):
     """The images of a multipart upload, in the order of its files."""
 
     items: tuple[UploadItem, ...]
+    """An item for each file."""

@@ -42,6 +42,7 @@ class JobRequest(Model):
     )
 
     kind: JobKind
+    """What to do."""
     iterations: Annotated[int, Field(strict=True, gt=0, le=100_000), WHOLE] | None = None
     """Training iterations of the full model of an update, or of the fine model; the default depends on the
     kind of job and the number of images. Of a scene's updates only the first can set it: later ones have no
@@ -63,10 +64,15 @@ class JobError(Model):
     """Why a job failed."""
 
     code: str
+    """Stable, for programs."""
     message: str
+    """What went wrong, in a sentence."""
     hint: str
+    """What to do about it."""
     retryable: bool
+    """Whether `…:retry` can succeed without a change."""
     stage: str | None
+    """The stage that failed; null before the first."""
 
 
 class WaitReason(StrEnum):
@@ -92,6 +98,7 @@ class Waiting(Model):
     place: Count
     """Its position in the queue of all waiting jobs; the first is 1."""
     reason: WaitReason
+    """Why it waits, for programs."""
     message: str
     """The reason as a sentence."""
     eta_s: Number | None
@@ -102,11 +109,17 @@ class Job(Model):
     """A job and its progress."""
 
     id: str
+    """The id, `job_…`."""
     scene_id: str
+    """The scene."""
     kind: JobKind
+    """What it does."""
     request: JobRequest
+    """The request that it came from."""
     state: JobState
+    """Whether it is queued, runs, or how it ended."""
     stage: str | None
+    """What it does now, such as `features` or `training`; null while it is queued."""
     progress: Annotated[Number, Field(ge=0, le=1)]
     """Progress of the whole job, in [0, 1]; never decreases within an attempt."""
     eta_s: Number | None
@@ -114,14 +127,21 @@ class Job(Model):
     waiting: Waiting | None = None
     """Why it does not run now; null while it runs, and when it has ended."""
     attempt: Count
+    """Counts from 1; `…:retry` begins another."""
     cancel_requested: bool
+    """Whether it ends as soon as it can."""
     warnings: tuple[str, ...]
+    """What limits the use of the result, each a sentence."""
     error: JobError | None
+    """Why it failed; null unless it has."""
     snapshot_id: str | None
     """The job's latest snapshot."""
     created_at: Timestamp
+    """When it was queued."""
     started_at: Timestamp | None
+    """When it first ran; null before."""
     finished_at: Timestamp | None
+    """When it ended; null before."""
 
 
 class JobList(Listing[Job]):

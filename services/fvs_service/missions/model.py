@@ -206,7 +206,9 @@ class MissionView(Model):
     """A view to photograph: a candidate of a ranking, or a stop of a plan."""
 
     id: CandidateId
+    """The id of the candidate or stop."""
     pose: Pose
+    """Where its camera is, and where that looks."""
     via: Annotated[tuple[Pose, ...], Field(fail_fast=True), within(_MOST_VIA)] = ()
     """Where to pass on the way to it, in order."""
 

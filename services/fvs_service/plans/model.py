@@ -39,7 +39,6 @@ class PlanRequest(Model):
 
     model_config = ConfigDict(
         json_schema_extra={
-            "anyOf": [{"properties": {one: {"type": "null"}}} for one in ("candidates", "generator")],
             "examples": [
                 {"generator": {"kind": "orbit", "count": 48}, "views": 8},
                 {
@@ -67,7 +66,9 @@ class PlanRequest(Model):
     )
 
     candidates: _Candidates | None = None
+    """Poses of your own; not with a `generator`."""
     generator: PlanGenerator | None = None
+    """A rule that makes the candidates; not with `candidates`."""
     targets: _Candidates | None = None
     """Poses that the model must serve well; by default those of the registered images and the candidates."""
     views: Annotated[int, Field(strict=True, ge=1, le=100), WHOLE] = 10
@@ -128,6 +129,7 @@ class Expectation(Model):
     low_db: Number | None
     """With `high_db`: an interval that holds the mean PSNR in four of five cases."""
     high_db: Number | None
+    """The upper end of that interval."""
 
     @classmethod
     def of(cls, expectation: EngineExpectation) -> Self:
@@ -147,9 +149,13 @@ class Stop(Model):
     """A candidate to photograph; `distance_m` is the way from the stop before, `travel_m` from the start."""
 
     id: str
+    """The candidate's id."""
     pose: FramePose | VehiclePose
+    """Where its camera is, and where that looks."""
     distance_m: Number
+    """The length of the way from the stop before, or from where the vehicle is."""
     travel_m: Number
+    """The length of the whole way so far."""
     after: Expectation
     """What to expect once this stop and all earlier ones, those of other vehicles included, have been
     photographed."""
@@ -162,7 +168,9 @@ class Tour(Model):
     """The flight of one vehicle, which is the `vehicle`-th of the request, from 0."""
 
     vehicle: Count
+    """The number of the vehicle, from 0."""
     stops: tuple[Stop, ...]
+    """The candidates to photograph, in order."""
     length_m: Number
     """The length of the flight, home included if requested."""
     via_home: tuple[FramePose | VehiclePose, ...] = ()
@@ -173,7 +181,9 @@ class CandidateTerms(Model):
     """Why a candidate is, or is not, in the plan."""
 
     id: str
+    """The candidate's id."""
     planned: bool
+    """Whether it is in the plan."""
     gain: Number
     """By how much it alone would lower the mean variance of the targets."""
     gain_in_plan: Number
@@ -197,11 +207,15 @@ class Plan(Model):
     """A plan. It is not stored: planning again takes a fraction of a second."""
 
     scene_id: str
+    """The scene."""
     snapshot_id: str
+    """The snapshot that it was planned for."""
     summary: str
     """The plan in a sentence."""
     now: Expectation
+    """What to expect of the model as it is."""
     end: Expectation
+    """What to expect once all stops were photographed."""
     tours: tuple[Tour, ...]
     """One for each vehicle, in their order; a vehicle that is not needed, or cannot fly, has no stops."""
     candidates: tuple[CandidateTerms, ...]

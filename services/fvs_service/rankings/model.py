@@ -4,10 +4,10 @@ from functools import cached_property
 from typing import Annotated, Literal, Self
 
 from pydantic import ConfigDict, Field, model_validator
-from pydantic.config import JsonDict
 
 from fvs_engine import candidates as engine
 from fvs_engine.candidates import CandidateStatus
+from fvs_engine.choices import Method
 from fvs_engine.plan.volumes import Volume
 from fvs_service.model import WHOLE, Count, Model, Number, Timestamp, of_fields, within
 from fvs_service.quantities import MAX_COORDINATE_M, Coordinate, Length, Vector
@@ -24,50 +24,60 @@ _PoseCount = Annotated[int, Field(strict=True, ge=1, le=2_000), WHOLE]
 _FEW_CANDIDATES = 100
 _MOST_ZONES = 20
 
-_GIVEN: JsonDict = {"not": {"type": "null"}}
-
 
 class CandidateRequest(Model):
     """A pose that could be photographed next."""
 
     id: CandidateId
+    """A name of your own for it, which the answer repeats."""
     pose: Pose
+    """Where its camera is, and where that looks."""
 
 
 class Orbit(Model):
     """Poses on a circle around the middle of the model, looking at it."""
 
     kind: Literal["orbit"]
+    """The generator's name."""
     count: _PoseCount = 24
+    """How many poses."""
     radius_m: Length | None = None
     """Radius of the circle; by default the median horizontal distance of the images from the middle."""
     height_m: Coordinate | None = None
     """Height above the middle of the model; by default the median height of the images."""
     centre: Vector | None = None
+    """Middle of the circle, in the world frame; by default the middle of the model."""
 
 
 class Grid(Model):
     """Poses on a level grid above the model, looking straight down or at its middle."""
 
     kind: Literal["grid"]
+    """The generator's name."""
     columns: Annotated[int, Field(strict=True, ge=1, le=100), WHOLE] = 6
+    """How many poses along the grid's first side."""
     rows: Annotated[int, Field(strict=True, ge=1, le=100), WHOLE] = 6
+    """How many poses along its second side."""
     height_m: Coordinate | None = None
     """Height above the middle of the model; by default that of the highest image."""
     look: Literal["centre", "down"] = "centre"
+    """Straight down, or at the middle of the model."""
 
 
 class Dataset(Model):
     """Poses halfway between neighbouring images."""
 
     kind: Literal["dataset"]
+    """The generator's name."""
 
 
 class AroundCurrent(Model):
     """Poses spread evenly in the ball of `radius_m` around the current pose, looking at the model."""
 
     kind: Literal["around-current"]
+    """The generator's name."""
     count: _PoseCount = 32
+    """How many poses."""
 
 
 class InVolume(Model):
@@ -77,8 +87,11 @@ class InVolume(Model):
     """
 
     kind: Literal["in-volume"]
+    """The generator's name."""
     volume: Volume
+    """Where they are."""
     count: Annotated[int, Field(strict=True, ge=1, le=2_000), WHOLE] = 300
+    """How many poses, at most."""
     look: Literal["middle", "nearest"] = "middle"
     """What they look at: the middle of the model, or for each the part of it that is nearest."""
     aim: Vector | None = None
@@ -111,9 +124,6 @@ class RankingRequest(Model):
 
     model_config = ConfigDict(
         json_schema_extra={
-            "anyOf": [{"properties": {one: {"type": "null"}}} for one in ("candidates", "generator")],
-            "if": {"required": ["radius_m"], "properties": {"radius_m": _GIVEN}},
-            "then": {"required": ["current_pose"], "properties": {"current_pose": _GIVEN}},
             "examples": [
                 {"generator": {"kind": "orbit", "count": 24}, "top_k": 5},
                 {
@@ -155,8 +165,11 @@ class RankingRequest(Model):
         ]
         | None
     ) = None
+    """Poses of your own; not with a `generator`."""
     generator: Generator | None = None
+    """A rule that makes the candidates; not with `candidates`."""
     current_pose: Pose | None = None
+    """Where the camera is now; needed for `radius_m` and for `around-current`."""
     radius_m: Length | None = None
     """Exclude candidates that are farther from the current pose."""
     safety_m: SafetyDistance | None = None
@@ -172,9 +185,8 @@ class RankingRequest(Model):
     current pose, else to geodetic poses in a georeferenced scene and the world frame in others."""
     top_k: Annotated[int, Field(strict=True, ge=1, le=100_000), WHOLE] | None = None
     """Return only the first `top_k` candidates."""
-    method: Annotated[str, Field(pattern=r"^[a-z0-9-]{1,64}$")] = "median-frequency"
-    """How candidates are scored: `GET /v1/capabilities` lists the methods, `docs/reference/methods.md`
-    describes them."""
+    method: Method = "median-frequency"
+    """How candidates are scored; `docs/reference/methods.md` describes the methods."""
     snapshot_id: str | None = None
     """The snapshot to score with; by default the newest state of the model, also during a training."""
     budget: Annotated[int, Field(strict=True, ge=1, le=10_000), WHOLE] = 1
@@ -223,10 +235,12 @@ class ScoredCandidate(Model):
     """One candidate that has been scored, before the ranking is known."""
 
     id: str
+    """The candidate's id."""
     score: Number | None
     """The lowest ranks first; what it means, its unit and its range depend on the method:
     `docs/reference/methods.md`. Null where nothing could be scored."""
     status: CandidateStatus
+    """Whether it has a rank and, if not, why."""
     coverage: Number | None
     """The share of the view that the model covers; null when it was not rendered."""
     estimated: bool = False
@@ -234,6 +248,7 @@ class ScoredCandidate(Model):
     distance_m: Number | None
     """Distance from the current pose; null if none was given."""
     pose: Pose
+    """Its pose, in the frame of the answer."""
 
     @classmethod
     def of(cls, candidate: engine.CandidateScore, distance_m: float | None, pose: Pose) -> Self:
@@ -253,6 +268,7 @@ class RankedCandidate(ScoredCandidate):
     """One candidate of a ranking; `rank` is null when it cannot be compared (see `status`)."""
 
     rank: Count | None
+    """Counts from 1, the first to photograph; null when it cannot be compared."""
     chance: Number | None = None
     """The probability that its photograph is registered; null where poses need no registration."""
 
@@ -276,9 +292,13 @@ class Ranking(Model):
     """An immutable ranking, with all that is needed to repeat it."""
 
     id: str
+    """The id, `rnk_…`."""
     scene_id: str
+    """The scene."""
     snapshot_id: str
+    """The snapshot whose model scored."""
     request: RankingRequest
+    """The request, with what was filled in."""
     alignment: Alignment
     """The alignment of the model with the world."""
     origin: Origin | None = None
@@ -286,6 +306,7 @@ class Ranking(Model):
     iterations: Count
     """Training iterations of the model that scored."""
     gaussians: Count
+    """The number of Gaussians of the model that scored."""
     fallback: str | None
     """The rule that ordered the candidates when the method could rank none; else null."""
     candidates: tuple[RankedCandidate, ...]
@@ -299,6 +320,7 @@ class Ranking(Model):
     warnings: tuple[RankingWarning, ...] = ()
     """Limits of the use of the ranking."""
     created_at: Timestamp
+    """When it was made."""
 
     @property
     def is_small(self) -> bool:

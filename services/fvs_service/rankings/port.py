@@ -187,11 +187,6 @@ class SceneRunners(Protocol):
     what ``fvs_service.engine_errors.from_engine`` makes of the engine's errors.
     """
 
-    @property
-    def methods(self) -> tuple[str, ...]:
-        """The names of the scorers and selectors that ``rank`` accepts."""
-        ...
-
     async def rank(self, request: RankViews) -> RankedViews:
         """Rank views; the result has every id of the request exactly once."""
         ...

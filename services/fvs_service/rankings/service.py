@@ -9,7 +9,7 @@ from anyio.to_thread import run_sync
 
 from fvs_engine import candidates as engine
 from fvs_service.concurrency import ConcurrencyLimit
-from fvs_service.errors import FieldError, InvalidRequestError, NotFoundError
+from fvs_service.errors import NotFoundError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
@@ -70,11 +70,6 @@ class Rankings:
         self._limits = limits
         self._limit = ConcurrencyLimit("rankings", limits.rankings_at_once_per_tenant)
         self._frames = frames
-
-    @property
-    def methods(self) -> tuple[str, ...]:
-        """The names of all scorers and selectors."""
-        return self._runners.methods
 
     async def create(
         self,
@@ -182,7 +177,6 @@ class Rankings:
             taken_poses = self._taken_poses(reader, scene_id, request.for_vehicle)
         snapshot = self._frames.snapshot(principal, scene, request.snapshot_id)
         request = request.complete
-        self._require_method(request.method)
         frame = self._frames.frame(snapshot.id, scene.origin)
         if request.frame == "geodetic":
             frame.require_origin()
@@ -302,14 +296,6 @@ class Rankings:
     def _earlier(self, reader: Reader, principal: Principal, key: IdempotencyKey) -> Ranking | None:
         """The ranking that an earlier request with the same idempotency key made."""
         return key.resource(reader, lambda made: repository.ranking_of(reader, principal, made))
-
-    def _require_method(self, method: str) -> None:
-        if method not in self.methods:
-            raise InvalidRequestError(
-                f"There is no method {method!r}.",
-                hint=f"The methods are {', '.join(self.methods)}.",
-                errors=[FieldError("method", "there is no such method")],
-            )
 
 
 def _scored(

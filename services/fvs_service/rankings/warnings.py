@@ -39,8 +39,11 @@ class RankingWarning(Model):
     """What limits the use of a ranking, and the remedy."""
 
     code: RankingWarningCode
+    """Stable, for programs."""
     message: str
+    """What limits the use, in a sentence."""
     hint: str
+    """What to do about it."""
 
 
 _ILL_CONDITIONED = RankingWarning(

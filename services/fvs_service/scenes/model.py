@@ -39,28 +39,36 @@ class Origin(Model):
     """The origin of the ENU world frame (x east, y north, z up, in metres). It never moves."""
 
     latitude_deg: Latitude
+    """Geodetic latitude on WGS 84, north positive."""
     longitude_deg: Longitude
+    """Longitude, east positive."""
     altitude_m: Altitude
+    """Altitude above `altitude_datum`."""
     altitude_datum: AltitudeDatum = AltitudeDatum.SEA_LEVEL
+    """What the altitude is measured from."""
 
 
 class AutomaticWorld(Model):
     """ENU, in metres, with the first position prior as origin; the model frame while there is none."""
 
-    kind: Literal["automatic"] = "automatic"
+    kind: Literal["automatic"]
+    """The frame follows from the images."""
 
 
 class LocalWorld(Model):
     """A frame of your own, z up, in metres: positions of images are given in it, and GPS is ignored."""
 
     kind: Literal["local"]
+    """The frame is your own."""
 
 
 class EnuWorld(Model):
     """ENU, in metres, with an origin of your own."""
 
     kind: Literal["enu"]
+    """The frame has an origin on Earth."""
     origin: Origin
+    """Where x, y and z are 0."""
 
 
 World = Annotated[AutomaticWorld | LocalWorld | EnuWorld, Field(discriminator="kind")]
@@ -97,6 +105,7 @@ class Policy(Model):
     """When updates start automatically."""
 
     trigger: Trigger = Trigger.ON_REQUEST
+    """What starts an update."""
     k: Annotated[int, Field(strict=True, ge=1, le=10_000), WHOLE] = 10
     """The number of new images that start an update, with `every-k-images`."""
     first: Annotated[int, Field(strict=True, ge=2, le=10_000), WHOLE] = 8
@@ -139,10 +148,15 @@ class SceneRequest(Model):
     )
 
     name: SceneName
-    world: World = AutomaticWorld()
+    """A name for people; several scenes may have the same."""
+    world: World = AutomaticWorld(kind="automatic")
+    """The frame of poses and positions; by default automatic."""
     camera: CameraPrior | None = None
+    """A focal length prior for images without one in their EXIF."""
     policy: Policy = Policy()
+    """When updates start by themselves; by default on request only."""
     retention: Retention = Retention()
+    """What is kept; by default as the service is set."""
 
 
 class SceneChange(Model):
@@ -153,8 +167,11 @@ class SceneChange(Model):
     )
 
     name: SceneName | None = None
+    """The new name."""
     policy: Policy | None = None
+    """The new policy, as a whole."""
     retention: Retention | None = None
+    """The new retention, as a whole."""
 
     @model_validator(mode="after")
     def _changes_something(self) -> Self:
@@ -167,6 +184,7 @@ class SceneSize(Model):
     """The disk space of a scene."""
 
     scene_id: str
+    """The scene."""
     images_bytes: Count
     """The original images."""
     artifacts_bytes: Count
@@ -174,6 +192,7 @@ class SceneSize(Model):
     working_bytes: Count
     """The worker's files when its last job ended; a worker makes most of them again when they are lost."""
     total_bytes: Count
+    """All of it."""
 
 
 class AlignmentStatus(StrEnum):
@@ -190,12 +209,17 @@ class Alignment(Model):
     """The similarity world_from_model, and how well it fits."""
 
     status: AlignmentStatus = AlignmentStatus.MODEL
+    """Whether there is an alignment, and whether it can be relied on."""
     scale: PositiveNumber = 1.0
     """World units (metres when aligned) per model unit."""
     rotation_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
+    """The rotation from the model to the world frame."""
     translation: Triple = (0.0, 0.0, 0.0)
+    """Where the model's origin is in the world frame."""
     rms_m: Number | None = None
+    """The root mean square of the distances between positions and their priors; null when not aligned."""
     inliers: Count = 0
+    """The number of images whose position prior fits."""
     positions: Count = 0
     """The number of registered images with a position prior."""
 
@@ -204,8 +228,11 @@ class ImageCounts(Model):
     """Numbers of images."""
 
     received: Count = 0
+    """All images, accepted or not."""
     accepted: Count = 0
+    """Images that can be used."""
     rejected: Count = 0
+    """Images that cannot be used; their verdicts say why."""
     pending: Count = 0
     """Accepted, and not yet processed by an update."""
     excluded: Count = 0
@@ -223,18 +250,27 @@ class Scene(Model):
     """A scene: its settings, its numbers of images, and its latest snapshot."""
 
     id: str
+    """The id, `scn_…`."""
     name: str
+    """The name for people."""
     world: World
+    """The frame of poses and positions."""
     origin: Origin | None
     """The ENU origin; null while there is none."""
     camera: CameraPrior | None
+    """The focal length prior for images without one in their EXIF; null without it."""
     policy: Policy
+    """When updates start by themselves."""
     retention: Retention
+    """How long snapshots and rankings are kept."""
     images: ImageCounts
+    """Numbers of images."""
     snapshot_id: str | None
+    """The latest snapshot; null before the first update."""
     alignment: Alignment | None
     """The alignment of the latest snapshot."""
     created_at: Timestamp
+    """When it was created."""
 
 
 class SceneList(Listing[Scene]):

@@ -51,8 +51,11 @@ class FramePose(Model):
     )
 
     frame: Literal["world", "model"] = "world"
+    """The frame of position and orientation."""
     position: Vector
+    """The camera's centre, x, y, z."""
     orientation_wxyz: Quaternion
+    """The rotation from the camera to the frame, a unit quaternion, w first."""
 
     @field_validator("orientation_wxyz")
     @classmethod
@@ -67,12 +70,19 @@ class VehiclePose(Model):
     """A camera's pose from a vehicle: yaw clockwise from north, pitch up, roll with the right side down."""
 
     latitude_deg: Latitude
+    """Geodetic latitude on WGS 84, north positive."""
     longitude_deg: Longitude
+    """Longitude, east positive."""
     altitude_m: Altitude
+    """Altitude above `altitude_datum`."""
     altitude_datum: AltitudeDatum = AltitudeDatum.SEA_LEVEL
+    """What the altitude is measured from; that of the scene."""
     yaw_deg: Yaw
+    """The camera's heading, clockwise from north."""
     pitch_deg: Tilt
+    """Up is positive: -90 looks straight down."""
     roll_deg: Tilt = 0.0
+    """Positive with the right side down."""
 
 
 def _kind_of_pose(value: Any) -> str:

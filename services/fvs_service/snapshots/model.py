@@ -26,9 +26,13 @@ class Artifact(Model):
     """One file of a snapshot."""
 
     name: Annotated[str, Field(pattern=ARTIFACT_NAME)]
+    """The name of the file."""
     media_type: str
+    """Its media type."""
     size_bytes: Count
+    """Its size."""
     sha256: Annotated[str, Field(pattern=r"^[0-9a-f]{64}$")]
+    """The SHA-256 of its bytes, in hexadecimal."""
 
 
 class SnapshotMetrics(Model):
@@ -39,9 +43,13 @@ class SnapshotMetrics(Model):
     unregistered: Count
     """Accepted images that the update processed and that have no pose in the model."""
     points: Count
+    """The number of sparse points."""
     iterations: Count
+    """The number of training iterations."""
     gaussians: Count
+    """The number of Gaussians."""
     sh_degree: Count
+    """The degree of the spherical harmonics of their colours."""
     psnr_db: Number | None = None
     """Mean over the held-out images of a fine model (`test_every`); null without held-out images."""
     ssim: Number | None = None
@@ -55,15 +63,23 @@ class Snapshot(Model):
     """An immutable model: cameras, points, Gaussians, metrics and its alignment with the world."""
 
     id: str
+    """The id, `snp_…`."""
     scene_id: str
+    """The scene."""
     job_id: str
+    """The job that made it."""
     kind: JobKind
+    """The kind of that job."""
     metrics: SnapshotMetrics
+    """Its size and its quality."""
     alignment: Alignment
+    """Its alignment with the world."""
     artifacts: tuple[Artifact, ...]
+    """Its files."""
     pinned: bool = False
     """Whether it is pinned: retention never deletes it."""
     created_at: Timestamp
+    """When it was made."""
 
 
 class SnapshotChange(Model):
@@ -72,6 +88,7 @@ class SnapshotChange(Model):
     model_config = ConfigDict(json_schema_extra={"examples": [{"pinned": True}]})
 
     pinned: bool
+    """Whether to keep it, whatever the retention says."""
 
 
 class SnapshotList(Listing[Snapshot]):

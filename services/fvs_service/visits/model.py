@@ -54,6 +54,7 @@ class VisitReport(Model):
     vehicle: VehicleName
     """A name that this vehicle keeps, such as its serial number."""
     state: VisitState
+    """What the vehicle does about these views."""
     views: Annotated[tuple[CandidateRequest, ...], Field(min_length=1, fail_fast=True), within(_MOST_VIEWS)]
     """Candidates of a ranking or of a plan, at most 100."""
     expires_in_s: Annotated[int, Field(strict=True, ge=1, le=86_400), WHOLE] = 600
@@ -73,14 +74,21 @@ class Visit(Model):
     """A view that a vehicle has reported."""
 
     vehicle: VehicleName
+    """The vehicle's name."""
     candidate_id: CandidateId
+    """The id of the candidate that the view is."""
     state: VisitState
+    """What the vehicle does about it."""
     pose: Pose
+    """The view's pose."""
     reported_at: Timestamp
+    """When it was reported."""
     expires_at: Timestamp
+    """When the report no longer counts."""
 
 
 class VisitList(Model):
     """The visits of a scene that have not expired, the oldest report first."""
 
     visits: tuple[Visit, ...]
+    """Those that count now."""

@@ -7,13 +7,12 @@ import math
 import time
 from collections.abc import AsyncGenerator, Callable
 from contextlib import AbstractContextManager, aclosing
-from typing import Any, TypeAlias, TypeVar, get_args
+from typing import Any, TypeAlias, TypeVar
 
 from anyio.to_thread import run_sync
 from pydantic import TypeAdapter
 
 from fvs_engine.candidates import CandidateScore
-from fvs_engine.choices import Method
 from fvs_service.application import Storage
 from fvs_service.errors import UnavailableError, deadline_passed
 from fvs_service.rankings.port import (
@@ -32,9 +31,6 @@ from fvs_service.worker.protocol.connection import RunnerError, RunnerGoneError
 from fvs_service.worker.protocol.messages import error_of
 from fvs_service.worker.runner_requests import RunnerRequests
 
-METHODS: tuple[str, ...] = get_args(Method)
-"""The names of the engine's selectors; importing the selectors themselves would import torch."""
-
 _START_S = 45.0
 """How long a request waits for a scene without a runner: somewhat longer than a runner takes to start."""
 _START_AGAIN_S = 2.0
@@ -50,8 +46,6 @@ _Request: TypeAlias = RankViews | RenderView | GenerateViews | PlanViews
 
 class LeasedRunners:
     """The ``SceneRunners`` of a gateway, found by the leases of their scenes."""
-
-    methods = METHODS
 
     def __init__(self, storage: Storage) -> None:
         self._leases = storage.leases

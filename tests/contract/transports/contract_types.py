@@ -64,7 +64,12 @@ def type_of_schema(schema: Mapping[str, Any]) -> Type:
 
 
 def fits(of_schema: Type, of_field: Type) -> bool:
-    """Whether the field has the schema's type; a union may have more members than one use of it allows."""
+    """Whether the field has the schema's type; a union may have more members than one use of it allows.
+
+    Words that grow in number, such as the methods of rankings, are strings.
+    """
+    if of_field == "string" and isinstance(of_schema, frozenset):
+        return all(isinstance(word, str) for word in of_schema)
     if isinstance(of_schema, tuple) and isinstance(of_field, tuple):
         return fits(of_schema[1], of_field[1])
     if isinstance(of_schema, frozenset) and isinstance(of_field, frozenset):

@@ -135,6 +135,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
         docs_url=None,  # these pages load scripts from other hosts
         redoc_url=None,
         redirect_slashes=False,
+        generate_unique_id_function=lambda route: route.name,
     )
     app.state.refusals, app.state.drain = refusals, drain
     app.add_middleware(Compression)

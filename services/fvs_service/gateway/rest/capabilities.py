@@ -8,6 +8,6 @@ router = json_router("/v1", "service")
 
 
 @router.get("/capabilities")
-def capabilities(app: App, _caller: Caller) -> Capabilities:
+def get_capabilities(app: App, _caller: Caller) -> Capabilities:
     """Return the features and limits of the service."""
     return capabilities_of(app)

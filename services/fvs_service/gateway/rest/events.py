@@ -18,9 +18,23 @@ from fvs_service.telemetry import Metrics
 
 router = json_router("/v1/scenes", "events")
 
+_LastEvent = Annotated[
+    int | None,
+    Header(
+        alias="Last-Event-ID",
+        ge=0,
+        le=2**53,
+        description="Start after this event, the last one that arrived; goes before `after`.",
+    ),
+]
 _RECONNECT_MS = 1000
 _HEARTBEAT = ": heartbeat\n\n"
-_STREAM = {200: {"description": "Events as they happen.", "content": {"text/event-stream": {}}}}
+_STREAM = {
+    200: {
+        "description": "Events as they happen.",
+        "content": {"text/event-stream": {"schema": {"type": "string"}}},
+    }
+}
 
 
 @router.get("/{scene_id}/events", response_class=StreamingResponse, responses=_STREAM)  # type: ignore[arg-type]
@@ -31,7 +45,7 @@ async def watch_events(
     scene_id: SceneId,
     after: Annotated[int, Query(ge=0, le=2**53, description="Start after this event.")] = 0,
     tail: Annotated[bool, Query(description="Only new events: start after the newest one.")] = False,
-    last: Annotated[int | None, Header(alias="Last-Event-ID", ge=0, le=2**53)] = None,
+    last: _LastEvent = None,
 ) -> StreamingResponse:
     """Stream the events of a scene: the past ones after `Last-Event-ID` (or `after`), then new ones."""
     await run_in_threadpool(feed.check, caller, scene_id)

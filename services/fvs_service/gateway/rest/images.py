@@ -27,7 +27,7 @@ from fvs_service.gateway.rest.dependencies import (
 )
 from fvs_service.gateway.rest.digests import declared_digest, repr_digest
 from fvs_service.gateway.rest.multipart import UploadedFile, receive_files
-from fvs_service.gateway.rest.ranges import ranged_response
+from fvs_service.gateway.rest.ranges import IfNoneMatch, IfRange, RangeHeader, ranged_response
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.images.model import (
     MEDIA_TYPES,
@@ -49,10 +49,11 @@ router = json_router("/v1/scenes/{scene_id}", "images")
 Hex = Annotated[
     str, Path(pattern=r"^[0-9a-f]{64}$", description="The SHA-256 of the image's bytes.", examples=["0" * 64])
 ]
+_SUM = "The SHA-256 of the body as `sha-256=:…:`, in base64; it must be that of the path."
+_ReprDigest = Annotated[str | None, Header(alias="Repr-Digest", description=_SUM)]
+_ContentDigest = Annotated[str | None, Header(alias="Content-Digest", description=_SUM)]
 _BINARY: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
-_PUT: dict[str, Any] = {
-    "requestBody": {"required": True, "content": {"application/octet-stream": _BINARY, "image/jpeg": _BINARY}}
-}
+_PUT: dict[str, Any] = {"requestBody": {"required": True, "content": {"application/octet-stream": _BINARY}}}
 _FORM: dict[str, Any] = {
     "requestBody": {
         "required": True,
@@ -60,7 +61,14 @@ _FORM: dict[str, Any] = {
             "multipart/form-data": {
                 "schema": {
                     "type": "object",
-                    "properties": {"file": {"type": "array", "minItems": 1, "items": _BINARY["schema"]}},
+                    "properties": {
+                        "file": {
+                            "type": "array",
+                            "minItems": 1,
+                            "items": _BINARY["schema"],
+                            "description": "The files, one or more.",
+                        }
+                    },
                     "required": ["file"],
                     "additionalProperties": False,
                 }
@@ -90,8 +98,8 @@ def check_images(
     return app.images.check(caller, scene_id, request)
 
 
-@router.put("/images/sha256:{hexadecimal}", status_code=201, responses=_KNOWN, openapi_extra=_PUT)
-async def put_image(
+@router.put("/images/sha256:{hexadecimal:plain}", status_code=201, responses=_KNOWN, openapi_extra=_PUT)
+async def upload_image(
     app: App,
     caller: SceneUploader,
     metrics: Counters,
@@ -100,10 +108,13 @@ async def put_image(
     metadata: Annotated[ImageMetadata, Query()],
     request: Request,
     response: Response,
-    repr_header: Annotated[str | None, Header(alias="Repr-Digest")] = None,
-    content_header: Annotated[str | None, Header(alias="Content-Digest")] = None,
+    repr_header: _ReprDigest = None,
+    content_header: _ContentDigest = None,
 ) -> Image:
-    """Send an image's bytes and return its verdict. Sending it again changes nothing."""
+    """Send an image's bytes and return its verdict. Sending it again changes nothing.
+
+    The body may also have the media type of an image, such as `image/jpeg`.
+    """
     digest = f"sha256:{hexadecimal}"
     require_digest(digest, declared_digest(repr_header), declared_digest(content_header))
     image, created = await _receive(app, caller, scene_id, digest, metadata, request, metrics)
@@ -114,7 +125,7 @@ async def put_image(
 
 
 @router.post("/images", openapi_extra=_FORM)
-async def post_images(
+async def upload_images(
     app: App, caller: SceneUploader, metrics: Counters, parsing: Parsing, scene_id: SceneId, request: Request
 ) -> UploadAnswer:
     """Send images as a form. Those that have fully arrived when the connection breaks are kept."""
@@ -144,40 +155,40 @@ def list_images(app: App, caller: Caller, scene_id: SceneId, page: NumberedPagin
     return app.images.of_scene(caller, scene_id, page)
 
 
-@router.get("/images/sha256:{hexadecimal}")
+@router.get("/images/sha256:{hexadecimal:plain}")
 def get_image(app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex) -> Image:
     """Return an image: its verdict, and whether it is registered."""
     return app.images.get(caller, scene_id, f"sha256:{hexadecimal}")
 
 
-@router.delete("/images/sha256:{hexadecimal}", status_code=204)
+@router.delete("/images/sha256:{hexadecimal:plain}", status_code=204)
 def delete_image(app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex) -> None:
     """Delete an image, its bytes and its duplicates; the next update makes a model without it."""
     app.exclusions.delete(caller, scene_id, f"sha256:{hexadecimal}")
 
 
-@router.post("/images/sha256:{hexadecimal}:exclude")
+@router.post("/images/sha256:{hexadecimal:plain}:exclude")
 def exclude_image(app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex) -> Image:
     """Leave an image out of the next model; no effect when it is excluded already."""
     return app.exclusions.exclude(caller, scene_id, f"sha256:{hexadecimal}")
 
 
-@router.post("/images/sha256:{hexadecimal}:include")
+@router.post("/images/sha256:{hexadecimal:plain}:include")
 def include_image(app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex) -> Image:
     """Use an excluded or quarantined image again; no effect when it is neither."""
     return app.exclusions.include(caller, scene_id, f"sha256:{hexadecimal}")
 
 
-@router.head("/images/sha256:{hexadecimal}/content", include_in_schema=False)
-@router.get("/images/sha256:{hexadecimal}/content", response_class=Response, responses=_CONTENT)
-def read_image(
+@router.head("/images/sha256:{hexadecimal:plain}/content", include_in_schema=False)
+@router.get("/images/sha256:{hexadecimal:plain}/content", response_class=Response, responses=_CONTENT)
+def download_image(
     app: App,
     caller: Caller,
     scene_id: SceneId,
     hexadecimal: Hex,
-    range_header: Annotated[str | None, Header(alias="Range", examples=["bytes=0-1023"])] = None,
-    if_range: Annotated[str | None, Header()] = None,
-    if_none_match: Annotated[str | None, Header()] = None,
+    range_header: RangeHeader = None,
+    if_range: IfRange = None,
+    if_none_match: IfNoneMatch = None,
 ) -> Response:
     """Download the original of an accepted image, byte for byte as it was sent, or a range of it."""
     image = app.images.original(caller, scene_id, f"sha256:{hexadecimal}")

@@ -3,7 +3,6 @@
 from typing import Annotated
 
 from fastapi import Depends, Response
-from starlette.convertors import StringConvertor, register_url_convertor
 
 from fvs_service.gateway.rest.bodies import json_body
 from fvs_service.gateway.rest.dependencies import (
@@ -20,15 +19,6 @@ from fvs_service.gateway.rest.routing import json_router
 from fvs_service.jobs.model import Job, JobList, JobRequest
 
 router = json_router("/v1", "jobs")
-
-
-class _Plain(StringConvertor):
-    """A path parameter without a colon, so that ``job_…:cancel`` is not a job's id."""
-
-    regex = "[^/:]+"
-
-
-register_url_convertor("plain", _Plain())
 
 
 @router.post("/scenes/{scene_id}/jobs", status_code=202)

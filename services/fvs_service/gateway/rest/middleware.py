@@ -84,7 +84,7 @@ class RequestContext:
                 await defect_response(Request(scope), error)(scope, receive, send_with_id)
             finally:
                 seconds = time.perf_counter() - started
-                route = getattr(scope.get("route"), "path", "unknown")
+                route = getattr(scope.get("route"), "path_format", "unknown")
                 self._metrics.requests.labels(scope["method"], route, status).inc()
                 self._metrics.seconds.labels(scope["method"], route).observe(seconds)
                 span.name(f"{scope['method']} {route}")

@@ -1,4 +1,4 @@
-"""The OpenAPI document: FastAPI's, with problem documents as the responses to errors."""
+"""The OpenAPI document: FastAPI's, with the bodies that it does not know and problem documents as errors."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -6,8 +6,11 @@ from typing import Any
 from fastapi import FastAPI
 from pydantic.json_schema import models_json_schema
 
+from fvs_service.events.model import Event
+from fvs_service.gateway.rest.openapi_schemas import REFERENCE, merged, rename, tidy, without_null
 from fvs_service.gateway.rest.problems import MEDIA_TYPE, Problem
 from fvs_service.model import Model
+from fvs_service.rankings.model import RankingPart
 
 _DESCRIPTION = """
 Send images, get a 3D model that grows with them, and rank the poses that could be photographed next.
@@ -21,10 +24,24 @@ Every error is a problem document (RFC 9457) with a stable `code`, a `hint`, and
 `frame_from_camera` of an OpenCV camera (x right, y down, z forward); quaternions are unit, `w` first.
 """
 
-_REFERENCE = "#/components/schemas/{model}"
+TAGS = {
+    "scenes": "What is photographed: its settings, images, models and rankings.",
+    "images": "Photographs of a scene, and their verdicts.",
+    "uploads": "Images in any number of requests, over links that break: tus 1.0.0.",
+    "jobs": "Updates and fine models.",
+    "events": "What happens in a scene, as server-sent events.",
+    "rankings": "Candidates in the order in which to photograph them, and renders of their views.",
+    "plans": "Which candidates to photograph in which order, by one vehicle or several.",
+    "visits": "What vehicles do about views.",
+    "missions": "Views as files for autopilots and ground stations.",
+    "snapshots": "Models, and their files.",
+    "service": "The service itself: features, health and metrics.",
+}
+_STREAMED = (Event, RankingPart)
+"""What streams consist of: the document has their schemas, though OpenAPI 3.1 cannot refer to them."""
 PROBLEM_RESPONSE: dict[str, Any] = {
     "description": "A problem document.",
-    "content": {MEDIA_TYPE: {"schema": {"$ref": "#/components/schemas/Problem"}}},
+    "content": {MEDIA_TYPE: {"schema": {"$ref": REFERENCE.format(model=Problem.__name__)}}},
 }
 
 
@@ -33,28 +50,40 @@ def describe(app: FastAPI, bodies: Iterable[type[Model]], *, keys_required: bool
 
     ``bodies`` are the models of JSON bodies, which FastAPI does not know (``bodies.json_body``).
     """
-    _, definitions = models_json_schema([(kind, "validation") for kind in bodies], ref_template=_REFERENCE)
+    _, sent = models_json_schema([(kind, "validation") for kind in bodies], ref_template=REFERENCE)
+    answered = (Problem, *_STREAMED)
+    _, more = models_json_schema([(kind, "serialization") for kind in answered], ref_template=REFERENCE)
     original = app.openapi
     app.description = _DESCRIPTION
+    app.openapi_tags = [{"name": name, "description": about} for name, about in TAGS.items()]
+    app.servers = [{"url": "/", "description": "The service that this document comes from."}]
 
     def openapi() -> dict[str, Any]:
         if app.openapi_schema:
             return app.openapi_schema
         document = original()
-        schemas = document.setdefault("components", {}).setdefault("schemas", {})
-        schemas.update(definitions.get("$defs", {}))
-        problem = Problem.model_json_schema(ref_template=_REFERENCE, mode="serialization")
-        schemas.update(problem.pop("$defs", {}))
-        schemas["Problem"] = problem
+        components = document.setdefault("components", {})
+        outputs = {**components.get("schemas", {}), **more["$defs"]}
         for unused in ("HTTPValidationError", "ValidationError"):
-            schemas.pop(unused, None)
+            outputs.pop(unused, None)
+        schemas, renamed = merged(sent.get("$defs", {}), outputs)
+        for schema in schemas.values():
+            tidy(schema)
+        components["schemas"] = dict(sorted(schemas.items()))
         for path in document["paths"].values():
             for operation in path.values():
-                operation["responses"].pop("422", None)
-                operation["responses"]["4XX"] = PROBLEM_RESPONSE
-                operation["responses"]["5XX"] = PROBLEM_RESPONSE
-                if "security" in operation and not keys_required:
-                    operation["security"] = [{}, *operation["security"]]
+                _finish(operation, renamed, keys_required=keys_required)
         return document
 
     app.openapi = openapi  # type: ignore[method-assign]
+
+
+def _finish(operation: dict[str, Any], renamed: dict[str, str], *, keys_required: bool) -> None:
+    for parameter in operation.get("parameters", ()):
+        parameter["schema"] = without_null(parameter["schema"])
+    responses = operation["responses"]
+    responses.pop("422", None)
+    rename(responses, renamed)
+    responses["4XX"] = responses["5XX"] = PROBLEM_RESPONSE
+    if "security" in operation and not keys_required:
+        operation["security"] = [{}, *operation["security"]]

@@ -15,7 +15,7 @@ router = json_router("/v1", "plans")
 
 
 @router.post("/scenes/{scene_id}/plans")
-async def create_plan(
+async def plan_views(
     http: Request,
     app: App,
     metrics: Counters,

@@ -40,7 +40,9 @@ class ProblemField(Model):
     """A part of the request that is invalid."""
 
     field: str
+    """Where it is, such as `candidates.3.id`."""
     message: str
+    """What is wrong with it."""
 
 
 class Problem(Model):
@@ -49,15 +51,21 @@ class Problem(Model):
     type: str
     """Always `about:blank`: `code` identifies the problem."""
     title: str
+    """The kind of the problem, for people."""
     status: int
+    """The HTTP status."""
     code: str
     """Stable, for programs."""
     detail: str
+    """What is wrong, in a sentence."""
     hint: str
+    """What to do about it."""
     retryable: bool
     """Whether the same request can succeed later."""
     request_id: str
+    """The request's id, which logs have, too."""
     errors: tuple[ProblemField, ...] = ()
+    """The parts of the request that are invalid, where that is known."""
 
 
 def install(app: FastAPI) -> None:

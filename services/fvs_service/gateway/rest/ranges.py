@@ -2,10 +2,28 @@
 
 from collections.abc import Callable, Iterator, Mapping
 from itertools import chain
+from typing import Annotated
 
+from fastapi import Header
 from fastapi.responses import Response, StreamingResponse
 
 from fvs_service.errors import RangeError
+
+RangeHeader = Annotated[
+    str | None,
+    Header(
+        alias="Range",
+        description="Which bytes to send; by default all. Of several ranges the whole is sent.",
+        examples=["bytes=0-1023"],
+    ),
+]
+IfRange = Annotated[
+    str | None,
+    Header(alias="If-Range", description="Send the range only of what has this ETag, else the whole."),
+]
+IfNoneMatch = Annotated[
+    str | None, Header(alias="If-None-Match", description="Send nothing if one of these is the ETag.")
+]
 
 
 def ranged_response(

@@ -24,8 +24,18 @@ from fvs_service.rankings.service import ReadRequest
 
 router = json_router("/v1", "rankings")
 
-_STREAM = {200: {"description": "The parts of the ranking.", "content": {MEDIA_TYPE: {}}}}
-_PNG = {200: {"description": "A PNG image.", "content": {"image/png": {}}}}
+_STREAM = {
+    200: {
+        "description": "The parts of the ranking, as server-sent events.",
+        "content": {MEDIA_TYPE: {"schema": {"type": "string"}}},
+    }
+}
+_PNG = {
+    200: {
+        "description": "A PNG image.",
+        "content": {"image/png": {"schema": {"type": "string", "format": "binary"}}},
+    }
+}
 
 
 @router.post(
@@ -34,7 +44,7 @@ _PNG = {200: {"description": "A PNG image.", "content": {"image/png": {}}}}
     response_model=Ranking,
     responses=_STREAM,  # type: ignore[arg-type]
 )
-async def create_ranking(
+async def rank_views(
     http: Request,
     app: App,
     metrics: Counters,
@@ -87,8 +97,10 @@ async def render_candidate(
     metrics: Counters,
     caller: Caller,
     ranking_id: RankingId,
-    candidate_id: Annotated[str, Path(max_length=128, examples=["orbit-0000"])],
-    image: ViewImage,
+    candidate_id: Annotated[
+        str, Path(max_length=128, description="The candidate's id.", examples=["orbit-0000"])
+    ],
+    image: Annotated[ViewImage, Path(description="Which image of the view.")],
     timeout_s: TimeoutS,
 ) -> Response:
     """Render a candidate's view of the ranking's snapshot, or the spectrum of it."""

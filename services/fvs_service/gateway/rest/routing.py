@@ -13,8 +13,18 @@ from fastapi import APIRouter, Response
 from fastapi.dependencies.models import Dependant
 from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
+from starlette.convertors import StringConvertor, register_url_convertor
 
 from fvs_service.model import Model
+
+
+class _Plain(StringConvertor):
+    """A path parameter without a colon, so that ``job_…:cancel`` is not a job's id."""
+
+    regex = "[^/:]+"
+
+
+register_url_convertor("plain", _Plain())
 
 
 class JsonRoute(APIRoute):

@@ -17,23 +17,29 @@ _Workers = Annotated[
     int,
     Query(ge=0, le=10_000, description="Number of workers that must be alive; 0 checks only the gateway."),
 ]
-_TEXT = {200: {"description": "Prometheus' text format.", "content": {"text/plain": {}}}}
+_TEXT = {
+    200: {
+        "description": "Prometheus' text format.",
+        "content": {"text/plain": {"schema": {"type": "string"}}},
+    }
+}
 
 
 class Health(Model):
     """The service is healthy."""
 
     status: str = "ok"
+    """Always `ok`: otherwise the answer is a problem."""
 
 
 @router.get("/livez", dependencies=[KnownQuery])
-def live() -> Health:
+def check_liveness() -> Health:
     """Check that the gateway runs."""
     return Health()
 
 
 @router.get("/readyz", dependencies=[KnownQuery])
-def ready(app: App, drain: Draining, workers: _Workers = 0) -> Health:
+def check_readiness(app: App, drain: Draining, workers: _Workers = 0) -> Health:
     """Check that the gateway can store images, and that enough workers are alive; 503 or 507 otherwise."""
     if drain.begun:
         raise stopping()
@@ -42,6 +48,6 @@ def ready(app: App, drain: Draining, workers: _Workers = 0) -> Health:
 
 
 @router.get("/metrics", response_class=Response, responses=_TEXT)  # type: ignore[arg-type]
-def metrics(counters: Counters, _caller: Caller) -> Response:
+def get_metrics(counters: Counters, _caller: Caller) -> Response:
     """Return the metrics for Prometheus."""
     return Response(generate_latest(counters.registry), media_type=CONTENT_TYPE_LATEST)

@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from fastapi import Depends, Header, Path
+from fastapi import Depends, Path
 from fastapi.responses import Response
 
 from fvs_service.gateway.rest.bodies import json_body
@@ -14,7 +14,7 @@ from fvs_service.gateway.rest.dependencies import (
     SnapshotId,
     to_operate_snapshot,
 )
-from fvs_service.gateway.rest.ranges import ranged_response
+from fvs_service.gateway.rest.ranges import IfNoneMatch, IfRange, RangeHeader, ranged_response
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.snapshots.model import MEDIA_TYPES, Snapshot, SnapshotChange, SnapshotList
 
@@ -60,14 +60,16 @@ def delete_snapshot(app: App, caller: Caller, snapshot_id: SnapshotId) -> None:
 
 @router.head("/snapshots/{snapshot_id}/artifacts/{name}", include_in_schema=False)
 @router.get("/snapshots/{snapshot_id}/artifacts/{name}", response_class=Response, responses=_RANGES)  # type: ignore[arg-type]
-def read_artifact(
+def download_artifact(
     app: App,
     caller: Caller,
     snapshot_id: SnapshotId,
-    name: Annotated[str, Path(max_length=64, examples=["point_cloud.ply"])],
-    range_header: Annotated[str | None, Header(alias="Range", examples=["bytes=0-1023"])] = None,
-    if_range: Annotated[str | None, Header()] = None,
-    if_none_match: Annotated[str | None, Header()] = None,
+    name: Annotated[
+        str, Path(max_length=64, description="The artifact's name.", examples=["point_cloud.ply"])
+    ],
+    range_header: RangeHeader = None,
+    if_range: IfRange = None,
+    if_none_match: IfNoneMatch = None,
 ) -> Response:
     """Download an artifact or a range of it; with `If-Range` an interrupted download resumes safely."""
     snapshot = app.storage.snapshots.get(caller, snapshot_id)

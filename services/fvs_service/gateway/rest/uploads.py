@@ -6,7 +6,7 @@ from http import HTTPStatus
 from typing import Annotated, Any
 
 from anyio.to_thread import run_sync
-from fastapi import Depends, Header, Path, Request, Response
+from fastapi import Depends, Path, Request, Response
 
 from fvs_service.application import Application
 from fvs_service.errors import ConflictError, InvalidRequestError, NotFoundError
@@ -22,7 +22,7 @@ from fvs_service.principal import Principal, Scope
 router = json_router(tus.PATH, "uploads")
 
 _BINARY: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
-_BODY: dict[str, Any] = {"requestBody": {"required": False, "content": {tus.MEDIA_TYPE: _BINARY}}}
+_BODY: dict[str, Any] = {"required": False, "content": {tus.MEDIA_TYPE: _BINARY}}
 _CREATED: dict[int | str, dict[str, Any]] = {
     201: {"description": "`Location` is the upload, `Upload-Offset` where it continues."}
 }
@@ -31,33 +31,30 @@ _APPENDED: dict[int | str, dict[str, Any]] = {
 }
 _STATE: dict[int | str, dict[str, Any]] = {200: {"description": "`Upload-Offset` of `Upload-Length` bytes."}}
 
-_Version = Annotated[
-    str | None,
-    Header(alias="Tus-Resumable", description="The version of the protocol.", examples=[tus.VERSION]),
-]
-_Metadata = Annotated[
-    str | None,
-    Header(
-        alias="Upload-Metadata",
-        description="Names and base64 values, separated by commas: `scene`, `sha256` (of all bytes, in hex), "
-        "`filename`, and the parameters of `PUT …/images/sha256:…`.",
-    ),
-]
-_Length = Annotated[
-    str | None, Header(alias="Upload-Length", description="The image's size in bytes.", examples=["4100000"])
-]
-_Offset = Annotated[
-    str | None,
-    Header(alias="Upload-Offset", description="Where in the image the body begins.", examples=["0"]),
-]
-_Sum = Annotated[
-    str | None,
-    Header(
-        alias="Upload-Checksum",
-        description="`sha256` or `sha1` of the body, a space, and the sum in base64. "
-        "If it is wrong (460), nothing of the body is kept.",
-    ),
-]
+
+def _header(name: str, description: str, *, required: bool = True, **schema: Any) -> dict[str, Any]:
+    """A header of the protocol in the OpenAPI document; ``tus`` reads it, with the protocol's errors."""
+    header = {"name": name, "in": "header", "required": required, "description": description}
+    return {**header, "schema": {"type": "string", **schema}}
+
+
+_VERSION = _header("Tus-Resumable", "The version of the protocol.", enum=[tus.VERSION])
+_METADATA = _header(
+    "Upload-Metadata",
+    "Names and base64 values, separated by commas: `scene`, `sha256` (of all bytes, in hex), `filename`, and "
+    "the parameters of `PUT …/images/sha256:…`.",
+)
+_LENGTH = _header("Upload-Length", "The image's size in bytes.", pattern="^[0-9]{1,18}$")
+_OFFSET = _header("Upload-Offset", "Where in the image the body begins.", pattern="^[0-9]{1,18}$")
+_SUM = _header(
+    "Upload-Checksum",
+    "`sha256` or `sha1` of the body, a space, and the sum in base64. If it is wrong (460), nothing of the "
+    "body is kept.",
+    required=False,
+)
+_CREATING: dict[str, Any] = {"requestBody": _BODY, "parameters": [_VERSION, _LENGTH, _METADATA, _SUM]}
+_APPENDING: dict[str, Any] = {"requestBody": _BODY, "parameters": [_VERSION, _OFFSET, _SUM]}
+_OF_VERSION: dict[str, Any] = {"parameters": [_VERSION]}
 
 
 async def _upload(
@@ -96,16 +93,12 @@ async def describe_uploads(app: App, _caller: Caller) -> Response:
     return Response(status_code=HTTPStatus.NO_CONTENT, headers=headers)
 
 
-@router.post("", status_code=201, response_class=Response, responses=_CREATED, openapi_extra=_BODY)
+@router.post("", status_code=201, response_class=Response, responses=_CREATED, openapi_extra=_CREATING)
 async def create_upload(
     app: App,
     caller: Caller,
     metrics: Counters,
     request: Request,
-    _version: _Version = None,
-    _length: _Length = None,
-    _metadata: _Metadata = None,
-    _sum: _Sum = None,
 ) -> Response:
     """Create an upload, or find that of the same image, which continues where it stopped.
 
@@ -124,10 +117,8 @@ async def create_upload(
     )
 
 
-@router.head("/{upload_id}", response_class=Response, responses=_STATE)
-async def get_upload(
-    app: App, caller: Caller, metrics: Counters, upload: _Upload, _version: _Version = None
-) -> Response:
+@router.head("/{upload_id}", response_class=Response, responses=_STATE, openapi_extra=_OF_VERSION)
+async def get_upload(app: App, caller: Caller, metrics: Counters, upload: _Upload) -> Response:
     """Return how many bytes of an upload have arrived, in headers.
 
     When all have, the image is stored. An upload that cannot continue, because its scene is full, is not
@@ -147,7 +138,7 @@ async def get_upload(
 
 
 @router.patch(
-    "/{upload_id}", status_code=204, response_class=Response, responses=_APPENDED, openapi_extra=_BODY
+    "/{upload_id}", status_code=204, response_class=Response, responses=_APPENDED, openapi_extra=_APPENDING
 )
 async def append_to_upload(
     app: App,
@@ -155,9 +146,6 @@ async def append_to_upload(
     metrics: Counters,
     upload: _Upload,
     request: Request,
-    _version: _Version = None,
-    _offset: _Offset = None,
-    _sum: _Sum = None,
 ) -> Response:
     """Send the bytes of an image from an offset on. With the last ones, the image is inspected and stored.
 
@@ -171,8 +159,8 @@ async def append_to_upload(
     return Response(status_code=HTTPStatus.NO_CONTENT, headers=headers)
 
 
-@router.delete("/{upload_id}", status_code=204)
-async def delete_upload(app: App, upload: _Upload, _version: _Version = None) -> None:
+@router.delete("/{upload_id}", status_code=204, openapi_extra=_OF_VERSION)
+async def delete_upload(app: App, upload: _Upload) -> None:
     """Delete an upload and its bytes; an image that is stored already stays."""
     async with app.upload_locks.locked(upload.id, by_force=True):
         await run_sync(app.resumable_uploads.remove, upload)
