@@ -168,13 +168,6 @@ def test_what_is_wrong_is_named_by_its_place_in_the_request(
         ),
         (
             "POST",
-            "rankings",
-            {"json": {"method": "none-of-ours"}},
-            ["method"],
-            "There is no method 'none-of-ours'.",
-        ),
-        (
-            "POST",
             "jobs",
             {"json": {"kind": "update", "test_every": 8}},
             ["test_every"],

@@ -194,7 +194,7 @@ def test_the_same_idempotency_key_ranks_once(gateway: Any, scene: str) -> None:
         ({"generator": {"kind": "orbit"}, "radius_m": 3}, ""),
         ({"generator": {"kind": "orbit"}, "radius_m": -3, "current_pose": LOOK}, "radius_m"),
         ({"generator": {"kind": "around-current"}, "current_pose": LOOK}, ""),
-        ({"generator": {"kind": "orbit"}, "method": "guess"}, ""),
+        ({"generator": {"kind": "orbit"}, "method": "guess"}, "method"),
         ({"generator": {"kind": "orbit", "count": 100_000}}, "generator.count"),
         ({"generator": {"kind": "orbit"}, "top_k": 0}, "top_k"),
     ],

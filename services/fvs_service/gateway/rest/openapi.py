@@ -67,8 +67,8 @@ def describe(app: FastAPI, bodies: Iterable[type[Model]], *, keys_required: bool
         for unused in ("HTTPValidationError", "ValidationError"):
             outputs.pop(unused, None)
         schemas, renamed = merged(sent.get("$defs", {}), outputs)
-        for schema in schemas.values():
-            tidy(schema)
+        for name, schema in schemas.items():
+            tidy(name, schema)
         components["schemas"] = dict(sorted(schemas.items()))
         for path in document["paths"].values():
             for operation in path.values():

@@ -39,13 +39,14 @@ def rename(node: Any, renamed: Mapping[str, str]) -> None:
             mapping[kind] = REFERENCE.format(model=renamed.get(_name(reference), _name(reference)))
 
 
-def tidy(schema: Schema) -> None:
-    """Remove titles, which repeat names, and the defaults of fields.
+def tidy(name: str, schema: Schema) -> None:
+    """Give a component its name as title, and its fields neither titles, which repeat names, nor defaults.
 
     Generators take a field with a default for one that is always there, and cannot read defaults that are
     objects; a default that is a word or a number goes into the description.
     """
-    for part in (schema, *_parts(schema.get("properties", {}))):
+    schema["title"] = name
+    for part in _parts(schema.get("properties", {})):
         if isinstance(part.get("title"), str):  # else it is a field with this name
             del part["title"]
     for field in schema.get("properties", {}).values():
