@@ -38,10 +38,15 @@ class Webhook(Model):
     """A webhook of a scene, and the state of its deliveries."""
 
     id: str
+    """The id, `whk_…`."""
     scene_id: str
+    """The scene."""
     url: str
+    """Where events are sent."""
     events: tuple[EventKind, ...]
+    """The kinds of events that are sent."""
     state: WebhookState
+    """Whether deliveries succeed."""
     delivered: int
     """The number of the last event that was delivered, or is not one to send."""
     pending: int
@@ -49,10 +54,13 @@ class Webhook(Model):
     failures: int
     """Number of failed attempts since the last delivery."""
     failing_since: Timestamp | None
+    """When the first of these failed; null without one."""
     error: str | None
     """Why the last attempt failed."""
     created_at: Timestamp
+    """When it was created."""
     delivered_at: Timestamp | None
+    """When the last delivery succeeded; null before the first."""
 
 
 class NewWebhook(Webhook):
@@ -66,3 +74,4 @@ class WebhookList(Model):
     """The webhooks of a scene, the oldest first."""
 
     webhooks: tuple[Webhook, ...]
+    """All of them."""

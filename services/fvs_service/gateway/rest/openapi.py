@@ -30,6 +30,7 @@ TAGS = {
     "uploads": "Images in any number of requests, over links that break: tus 1.0.0.",
     "jobs": "Updates and fine models.",
     "events": "What happens in a scene, as server-sent events.",
+    "webhooks": "Where events of a scene are sent, signed and with retries.",
     "rankings": "Candidates in the order in which to photograph them, and renders of their views.",
     "plans": "Which candidates to photograph in which order, by one vehicle or several.",
     "visits": "What vehicles do about views.",
