@@ -1,8 +1,7 @@
 """The base of all models on the wire, and their common types."""
 
-from collections.abc import Callable, Sequence
 from datetime import UTC, datetime
-from typing import Annotated, Generic, Self, TypeVar
+from typing import Annotated, Generic, TypeVar
 
 from pydantic import AwareDatetime, BeforeValidator, Field, ValidationInfo
 from pydantic_core import PydanticCustomError
@@ -75,12 +74,6 @@ class Page(Model):
     limit: int = Field(default=100, ge=1, le=1000, description=_LIMIT)
 
 
-class NumberedPage(Page):
-    """A page of a list whose items are numbered."""
-
-    after: Annotated[str, Field(pattern=r"^[0-9]{1,9}$")] | None = Field(default=None, description=_AFTER)
-
-
 ItemT = TypeVar("ItemT", bound=Model)
 
 
@@ -91,12 +84,6 @@ class Listing(Model, Generic[ItemT]):
     """The items of this page."""
     next: str | None
     """The cursor of the next page; null on the last one."""
-
-    @classmethod
-    def of(cls, found: Sequence[ItemT], limit: int, cursor: Callable[[ItemT], str]) -> Self:
-        """The first ``limit`` of ``found``, which has one more when there is a next page."""
-        items = tuple(found[:limit])
-        return cls(items=items, next=cursor(items[-1]) if len(found) > limit else None)
 
 
 def now() -> datetime:

@@ -111,7 +111,7 @@ def jobs(surface: Surface) -> Iterator[Any]:
     yield do(job.retry)
     yield do(do(client.jobs.get, job.id).cancel)
     surface.gateway.model(scene.id)
-    done = surface.items(scene.jobs.list(), None)[-1]
+    done = surface.items(scene.jobs.list(), None)[0]
     yield do(done.wait)
     yield do(done.snapshot)
     yield surface.attempt(client.jobs.get, "job_none")
@@ -188,13 +188,13 @@ def deletions(surface: Surface) -> Iterator[Any]:
     yield surface.attempt(scene.change)
     for _ in range(2):
         surface.gateway.model(scene.id)
-    first, second = surface.items(scene.snapshots.list(), None)
+    second, first = surface.items(scene.snapshots.list(), None)
     yield do(first.pin).pinned
     yield surface.attempt(first.delete)
     yield do(first.unpin).pinned
     yield do(first.delete)
     yield surface.attempt(second.delete)
-    yield do(surface.items(scene.jobs.list(), None)[0].snapshot)
+    yield do(surface.items(scene.jobs.list(), None)[-1].snapshot)
     ranking = do(scene.rank, generator=Orbit(count=5))
     yield do(ranking.delete)
     yield surface.attempt(client.rankings.get, ranking.id)

@@ -28,6 +28,9 @@ def test_a_scene_is_created_read_changed_listed_and_deleted(compare: Compare) ->
         tenant.call("GetSceneSize", scene_id=scene)
         first = tenant.call("ListScenes", limit=1).result
         assert len(tenant.call("ListScenes", limit=1, after=first["next"]).result["items"]) == 1
+        assert [one["id"] for one in tenant.call("ListScenes", name="keep").result["items"]] == [scene]
+        for wrong in ({"after": "zzz"}, {"name": "keep", "after": first["next"]}):
+            assert refused(tenant.call("ListScenes", **wrong), "invalid-request").fields == ("after",)
         tenant.call("DeleteScene", scene_id=scene)
         refused(tenant.call("GetScene", scene_id=scene), "not-found")
 
@@ -125,7 +128,9 @@ def test_jobs_are_queued_once_canceled_and_retried(compare: Compare) -> None:
         assert tenant.call("CancelJob", job_id=job).result["state"] == "canceled"
         assert tenant.call("RetryJob", job_id=job).result["attempt"] == 2
         refused(tenant.call("RetryJob", job_id=job), "conflict")
-        tenant.call("ListJobs", scene_id=scene)
+        for states, count in (((), 1), (("queued",), 1), (("queued", "failed"), 1), (("canceled",), 0)):
+            listed = tenant.call("ListJobs", scene_id=scene, state=states).result
+            assert [one["id"] for one in listed["items"]] == [job] * count
         tenant.call("CreateJob", {"kind": "update"}, scene_id=tenant.scene())
         refused(tenant.call("CreateJob", {"kind": "update"}, scene_id=tenant.scene()), "limit-exceeded")
 

@@ -185,7 +185,7 @@ def test_snapshots_are_deleted_but_never_the_current_one_or_a_pinned_one(gateway
     render = f"/v1/rankings/{ranking['id']}/candidates/{ranking['candidates'][0]['id']}/render.png"
     assert gateway.client.get(render).status_code == 404
     left = gateway.client.get(f"/v1/scenes/{scene}/snapshots").json()["items"]
-    assert [(item["id"], item["pinned"]) for item in left] == [(second, True), (third, False)]
+    assert [(item["id"], item["pinned"]) for item in left] == [(third, False), (second, True)]
     _remove(gateway)
     assert not any(first in file for file in _files(gateway, scene))
     for snapshot in left:
@@ -241,8 +241,8 @@ def test_an_update_that_changes_nothing_makes_no_snapshot(gateway: Any) -> None:
     assert gateway.model(scene, seed=5) == snapshot
     jobs = gateway.client.get(f"/v1/scenes/{scene}/jobs").json()["items"]
     assert [job["snapshot_id"] for job in jobs] == [snapshot, snapshot]
-    assert jobs[1]["state"] == "succeeded"
-    assert snapshot in jobs[1]["warnings"][0]
+    assert jobs[0]["state"] == "succeeded"
+    assert snapshot in jobs[0]["warnings"][0]
     assert len(gateway.client.get(f"/v1/scenes/{scene}/snapshots").json()["items"]) == 1
 
 

@@ -25,12 +25,12 @@ from fvs_service.deletion.service import Deletions
 from fvs_service.doctor.examination import examine
 from fvs_service.errors import ConflictError, NotFoundError
 from fvs_service.ids import new_id
-from fvs_service.jobs.model import JobKind, JobRequest
+from fvs_service.jobs.model import JobKind, JobPage, JobRequest
 from fvs_service.jobs.repository import add_job, jobs_of_scene
 from fvs_service.model import Page, now
 from fvs_service.principal import LOCAL_USER
 from fvs_service.scenes.lease import Lease
-from fvs_service.scenes.model import Alignment, SceneRequest
+from fvs_service.scenes.model import Alignment, ScenePage, SceneRequest
 from fvs_service.scenes.repository import scenes_of_tenant
 from fvs_service.scenes.service import Scenes
 from fvs_service.settings import Retention, Settings
@@ -82,7 +82,7 @@ def _commit(storage: Storage, scene_id: str, rng: random.Random) -> None:
     assert lease is not None
     with storage.database.writing() as session:
         request = JobRequest(kind=JobKind.UPDATE)
-        jobs = jobs_of_scene(session, scene_id, None, 10_000)
+        jobs = jobs_of_scene(session, scene_id, JobPage(limit=1_000)).items
         job = next((job for job in jobs if not job.state.ended), None)  # of a process that was killed
         if job is None:
             job = add_job(session, new_id("job"), scene_id, LOCAL_USER.tenant_id, request, now())
@@ -152,7 +152,7 @@ def _check(root: Path) -> None:
     """Every reader finds whole things only, at any time."""
     with open_storage(_settings(root)) as storage:
         with storage.database.reading() as session:
-            scenes = scenes_of_tenant(session, LOCAL_USER.tenant_id, None, 100)
+            scenes = scenes_of_tenant(session, LOCAL_USER.tenant_id, ScenePage()).items
         for scene in scenes:
             snapshots = storage.snapshots.of_scene(LOCAL_USER, scene.id, Page(limit=100)).items
             assert scene.snapshot_id in {None, *(snapshot.id for snapshot in snapshots)}

@@ -30,7 +30,8 @@ def _apply(gateway: Any, **usual: Any) -> int:
 
 
 def _snapshots(gateway: Any, scene: str) -> list[str]:
-    return [item["id"] for item in gateway.client.get(f"/v1/scenes/{scene}/snapshots").json()["items"]]
+    listed = gateway.client.get(f"/v1/scenes/{scene}/snapshots").json()["items"]
+    return [item["id"] for item in reversed(listed)]
 
 
 def test_retention_by_number_keeps_the_newest_and_the_pinned(open_gateway: Any) -> None:

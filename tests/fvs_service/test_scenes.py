@@ -40,7 +40,60 @@ def test_lists_continue_where_the_page_ended(open_gateway: Callable[..., Any]) -
         if page["next"] is None:
             break
         after = {"after": page["next"]}
-    assert seen == made
+    assert seen == made[::-1]
+
+
+def test_a_page_follows_the_last_one_whatever_happens_meanwhile(gateway: Any) -> None:
+    made = [gateway.scene(name="followed") for _ in range(4)]
+    named = {"name": "followed", "limit": 2}
+    first = gateway.client.get("/v1/scenes", params=named).json()
+    assert [scene["id"] for scene in first["items"]] == [made[3], made[2]]
+    gateway.client.delete(f"/v1/scenes/{made[2]}")
+    gateway.scene(name="followed")
+    second = gateway.client.get("/v1/scenes", params={**named, "after": first["next"]}).json()
+    assert [scene["id"] for scene in second["items"]] == [made[1], made[0]]
+    assert second["next"] is None
+
+
+def test_scenes_are_found_by_name(gateway: Any) -> None:
+    twins = [gateway.scene(name="twins' yard") for _ in range(2)]
+    gateway.scene(name="twins' yard, again")
+    found = gateway.client.get("/v1/scenes", params={"name": "twins' yard"}).json()
+    assert [scene["id"] for scene in found["items"]] == twins[::-1]
+    assert gateway.client.get("/v1/scenes", params={"name": "nobody's yard"}).json()["items"] == []
+    assert gateway.client.get("/v1/scenes", params={"name": ""}).status_code == 422
+
+
+def test_a_cursor_of_another_list_is_refused(gateway: Any, photograph: Callable[..., bytes]) -> None:
+    scene, other = gateway.scene(), gateway.scene()
+    for seed in range(2):
+        gateway.put(scene, photograph(seed))
+        gateway.model(scene)
+
+    def page(path: str, **params: Any) -> Any:
+        return gateway.client.get(path, params=params)
+
+    lists = {
+        name: page(f"/v1/scenes/{scene}/{name}", limit=1).json()["next"]
+        for name in ("images", "jobs", "snapshots")
+    }
+    lists["scenes"] = page("/v1/scenes", limit=1).json()["next"]
+    for name, cursor in lists.items():
+        path = "/v1/scenes" if name == "scenes" else f"/v1/scenes/{scene}/{name}"
+        assert len(page(path, limit=1, after=cursor).json()["items"]) == 1
+        others = {one: wrong for one, wrong in lists.items() if one != name}.values()
+        for wrong in ("zzz", "", "ä", "A" * 22, cursor[:-1], f"{cursor}A", *others):
+            answer = page(path, after=wrong)
+            assert answer.status_code == 422, (name, wrong)
+            assert answer.json()["errors"] == [
+                {"field": "after", "message": "it is not a cursor of this list"}
+            ]
+            assert "`next`" in answer.json()["hint"]
+        if name != "scenes":
+            assert page(f"/v1/scenes/{other}/{name}", after=cursor).status_code == 422
+    assert page("/v1/scenes", after=lists["scenes"], name="another").status_code == 422
+    jobs = f"/v1/scenes/{scene}/jobs"
+    assert page(jobs, after=lists["jobs"], state="failed").status_code == 422
 
 
 def test_no_more_scenes_than_allowed(open_gateway: Callable[..., Any]) -> None:

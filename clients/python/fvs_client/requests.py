@@ -125,10 +125,9 @@ def delete_ranking(ranking_id: str) -> Request:
     return Request("DELETE", f"/v1/rankings/{_part(ranking_id)}")
 
 
-def list_of(path: str, after: str | None, limit: int | None) -> Request:
-    """Get a page of a list: at most ``limit`` items after the cursor ``after``."""
-    given = {"after": after, "limit": limit}
-    return Request("GET", path, {name: value for name, value in given.items() if value is not None})
+def list_of(path: str, params: Mapping[str, Any], after: str | None) -> Request:
+    """Get a page of a list: the first one, or what follows the cursor ``after``."""
+    return Request("GET", path, {**params, **({} if after is None else {"after": after})})
 
 
 def check_images(scene_id: str, digests: Iterable[str]) -> Request:

@@ -62,14 +62,16 @@ class CreateJobRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ..., job: _Optional[_Union[JobRequest, _Mapping]] = ..., idempotency_key: _Optional[str] = ...) -> None: ...
 
 class ListJobsRequest(_message.Message):
-    __slots__ = ("scene_id", "after", "limit")
+    __slots__ = ("scene_id", "after", "limit", "state")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     AFTER_FIELD_NUMBER: _ClassVar[int]
     LIMIT_FIELD_NUMBER: _ClassVar[int]
+    STATE_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     after: str
     limit: int
-    def __init__(self, scene_id: _Optional[str] = ..., after: _Optional[str] = ..., limit: _Optional[int] = ...) -> None: ...
+    state: _containers.RepeatedScalarFieldContainer[JobState]
+    def __init__(self, scene_id: _Optional[str] = ..., after: _Optional[str] = ..., limit: _Optional[int] = ..., state: _Optional[_Iterable[_Union[JobState, str]]] = ...) -> None: ...
 
 class GetJobRequest(_message.Message):
     __slots__ = ("job_id",)

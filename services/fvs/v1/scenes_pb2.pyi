@@ -33,12 +33,14 @@ class CreateSceneRequest(_message.Message):
     def __init__(self, scene: _Optional[_Union[SceneRequest, _Mapping]] = ..., idempotency_key: _Optional[str] = ...) -> None: ...
 
 class ListScenesRequest(_message.Message):
-    __slots__ = ("after", "limit")
+    __slots__ = ("after", "limit", "name")
     AFTER_FIELD_NUMBER: _ClassVar[int]
     LIMIT_FIELD_NUMBER: _ClassVar[int]
+    NAME_FIELD_NUMBER: _ClassVar[int]
     after: str
     limit: int
-    def __init__(self, after: _Optional[str] = ..., limit: _Optional[int] = ...) -> None: ...
+    name: str
+    def __init__(self, after: _Optional[str] = ..., limit: _Optional[int] = ..., name: _Optional[str] = ...) -> None: ...
 
 class GetSceneRequest(_message.Message):
     __slots__ = ("scene_id",)

@@ -86,7 +86,7 @@ class SceneServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def ListScenes(self, request, context):
-        """List the scenes, the oldest first.
+        """List the scenes, the newest first.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

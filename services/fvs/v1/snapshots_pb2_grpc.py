@@ -69,7 +69,7 @@ class SnapshotServiceServicer:
     """
 
     def ListSnapshots(self, request, context):
-        """List the snapshots of a scene, the oldest first.
+        """List the snapshots of a scene, the newest first.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

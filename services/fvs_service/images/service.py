@@ -30,7 +30,7 @@ from fvs_service.images.model import (
 )
 from fvs_service.images.staging import StagedFile
 from fvs_service.jobs.service import Jobs
-from fvs_service.model import NumberedPage, now
+from fvs_service.model import Page, now
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.model import AltitudeDatum, AutomaticWorld, LocalWorld, Origin, Scene
 from fvs_service.scenes.repository import scene_of, set_origin
@@ -38,6 +38,7 @@ from fvs_service.settings import Limits
 from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import Database
+from fvs_service.storage.pages import Cursors, Place, cut
 from fvs_service.storage.removals import ABANDONED_AFTER, has_row, keep, remove_later
 
 _POSITION = ("latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m")
@@ -155,13 +156,16 @@ class Images:
             raise NotFoundError("The scene has no such image.")
         return found
 
-    def of_scene(self, principal: Principal, scene_id: str, page: NumberedPage) -> ImageList:
-        """The images of a scene in the order of arrival."""
+    def of_scene(self, principal: Principal, scene_id: str, page: Page) -> ImageList:
+        """The images of a scene in the order of arrival; refuses a cursor of another list."""
         principal.require(Scope.READ, scene_id)
+        cursors = Cursors("images", scene_id)
         with self._database.reading() as session:
             scene_of(session, principal, scene_id)
-            images = repository.images_after(session, scene_id, int(page.after or 0), page.limit + 1)
-        return ImageList.of(images, page.limit, lambda image: str(image.number))
+            last = cursors.read(page.after) or Place(0)
+            images = repository.images_after(session, scene_id, last.number, page.limit + 1)
+        items, following = cut(images, page.limit, lambda image: cursors.write(Place(image.number)))
+        return ImageList(items=tuple(items), next=following)
 
     def _require_room(self, scene: Scene) -> None:
         if scene.images.received >= self._limits.images_per_scene:

@@ -5,7 +5,7 @@ from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from fvs_service.model import WHOLE, Count, Listing, Model, Number, Timestamp, of_fields
+from fvs_service.model import WHOLE, Count, Listing, Model, Number, Page, Timestamp, of_fields
 
 
 class JobKind(StrEnum):
@@ -144,5 +144,13 @@ class Job(Model):
     """When it ended; null before."""
 
 
+class JobPage(Page):
+    """A page of the list of a scene's jobs."""
+
+    state: tuple[JobState, ...] = Field(
+        default=(), description="Only jobs in one of these states; by default all."
+    )
+
+
 class JobList(Listing[Job]):
-    """Jobs of a scene, the oldest first."""
+    """Jobs of a scene, the newest first."""

@@ -7,12 +7,13 @@ from sqlalchemy import and_, func, or_, select, update
 from sqlalchemy.orm import Session
 
 from fvs_service.errors import NotFoundError
-from fvs_service.jobs.model import Job, JobError, JobKind, JobRequest, JobState
+from fvs_service.jobs.model import Job, JobError, JobKind, JobList, JobPage, JobRequest, JobState
 from fvs_service.jobs.work import first_work
 from fvs_service.model import now
 from fvs_service.principal import Principal
 from fvs_service.storage.clock import now_ms
 from fvs_service.storage.notifications import Topic, announce
+from fvs_service.storage.pages import Cursors, newest_first
 from fvs_service.storage.tables import ImageRow, JobRow, JobStageRow
 from fvs_service.tracing import traceparent
 
@@ -71,15 +72,14 @@ def find_job(session: Session, job_id: str) -> Job:
     return to_job(row)
 
 
-def jobs_of_scene(session: Session, scene_id: str, after: str | None, limit: int) -> tuple[Job, ...]:
-    """The jobs of a scene, the oldest first."""
-    rows = session.scalars(
-        select(JobRow)
-        .where(JobRow.scene_id == scene_id, JobRow.id > (after or ""))
-        .order_by(JobRow.id)
-        .limit(limit)
-    )
-    return tuple(map(to_job, rows))
+def jobs_of_scene(session: Session, scene_id: str, page: JobPage) -> JobList:
+    """The jobs of a scene, the newest first; refuses a cursor of another list."""
+    states = sorted({state.value for state in page.state})
+    query = select(JobRow).where(JobRow.scene_id == scene_id)
+    if states:
+        query = query.where(JobRow.state.in_(states))
+    rows, following = newest_first(session, query, JobRow, page, Cursors("jobs", scene_id, *states))
+    return JobList(items=tuple(map(to_job, rows)), next=following)
 
 
 def queued_job(session: Session, scene_id: str, kind: JobKind) -> Job | None:

@@ -8,11 +8,11 @@ from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
 from fvs_service.jobs import repository
 from fvs_service.jobs.ledger import log_end, log_queued
-from fvs_service.jobs.model import Job, JobKind, JobList, JobRequest, JobState
+from fvs_service.jobs.model import Job, JobKind, JobList, JobPage, JobRequest, JobState
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.waiting import with_waiting
 from fvs_service.jobs.work import first_work
-from fvs_service.model import Page, now
+from fvs_service.model import now
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.model import Scene, Trigger
 from fvs_service.scenes.repository import scene_of
@@ -62,14 +62,13 @@ class Jobs:
         with self._database.reading() as session:
             return self._with_waiting(session, repository.job_of(session, principal, job_id))
 
-    def of_scene(self, principal: Principal, scene_id: str, page: Page) -> JobList:
-        """The jobs of a scene, the oldest first."""
+    def of_scene(self, principal: Principal, scene_id: str, page: JobPage) -> JobList:
+        """The jobs of a scene, the newest first; refuses a cursor of another list."""
         principal.require(Scope.READ, scene_id)
         with self._database.reading() as session:
             scene_of(session, principal, scene_id)
-            jobs = repository.jobs_of_scene(session, scene_id, page.after, page.limit + 1)
-            jobs = with_waiting(session, self._queue, jobs)
-        return JobList.of(jobs, page.limit, lambda job: job.id)
+            found = repository.jobs_of_scene(session, scene_id, page)
+            return JobList(items=with_waiting(session, self._queue, found.items), next=found.next)
 
     def cancel(self, principal: Principal, job_id: str) -> Job:
         """Cancel a job: at once while it waits, at its next step while it runs."""

@@ -25,7 +25,7 @@ from fvs_service.scenes.poses import WorldFrame, require_on_earth
 from fvs_service.scenes.repository import SceneHead, scene_head_of
 from fvs_service.settings import Limits
 from fvs_service.snapshots.model import Snapshot
-from fvs_service.snapshots.repository import snapshots_of_scene
+from fvs_service.snapshots.repository import first_snapshots
 from fvs_service.storage.database import Database
 
 _MOST_UPDATES = 50
@@ -142,7 +142,7 @@ class Plans:
     def _updates(self, scene_id: str) -> tuple[UpdateQuality, ...]:
         """The images that each snapshot of a scene added, and the quality that it measured on them."""
         with self._database.reading() as session:
-            snapshots = snapshots_of_scene(session, scene_id, None, _MOST_UPDATES)
+            snapshots = first_snapshots(session, scene_id, _MOST_UPDATES)
         known: set[str] = set()
         found = []
         for snapshot in snapshots:

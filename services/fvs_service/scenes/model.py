@@ -12,6 +12,7 @@ from fvs_service.model import (
     Listing,
     Model,
     Number,
+    Page,
     PositiveNumber,
     Timestamp,
     Triple,
@@ -273,5 +274,11 @@ class Scene(Model):
     """When it was created."""
 
 
+class ScenePage(Page):
+    """A page of the list of scenes."""
+
+    name: SceneName | None = Field(default=None, description="Only scenes with this name.")
+
+
 class SceneList(Listing[Scene]):
-    """Scenes, the oldest first."""
+    """Scenes, the newest first."""

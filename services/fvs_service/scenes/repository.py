@@ -17,10 +17,13 @@ from fvs_service.scenes.model import (
     Origin,
     Scene,
     SceneChange,
+    SceneList,
+    ScenePage,
     SceneRequest,
     SceneSize,
 )
 from fvs_service.storage.database import Reader
+from fvs_service.storage.pages import Cursors, newest_first
 from fvs_service.storage.tables import ImageRow, SceneRow, SnapshotArtifactRow, SnapshotRow, columns_of
 
 _ALIGNMENT = TypeAdapter(Alignment)
@@ -85,15 +88,14 @@ def find_scene_head(reader: Reader, scene_id: str) -> SceneHead:
     return _head(_head_row(reader, scene_id))
 
 
-def scenes_of_tenant(session: Session, tenant_id: str, after: str | None, limit: int) -> tuple[Scene, ...]:
-    """The scenes of a tenant, the oldest first."""
-    rows = session.scalars(
-        select(SceneRow)
-        .where(SceneRow.tenant_id == tenant_id, SceneRow.id > (after or ""))
-        .order_by(SceneRow.id)
-        .limit(limit)
-    )
-    return tuple(_scene(session, row) for row in rows)
+def scenes_of_tenant(session: Session, tenant_id: str, page: ScenePage) -> SceneList:
+    """The scenes of a tenant, the newest first; refuses a cursor of another list."""
+    query = select(SceneRow).where(SceneRow.tenant_id == tenant_id)
+    if page.name is not None:
+        query = query.where(SceneRow.request["name"].as_string() == page.name)
+    cursors = Cursors("scenes", tenant_id, page.name or "")
+    rows, following = newest_first(session, query, SceneRow, page, cursors)
+    return SceneList(items=tuple(_scene(session, row) for row in rows), next=following)
 
 
 def count_scenes(session: Session, tenant_id: str) -> int:

@@ -4,10 +4,10 @@ from fvs_service.errors import LimitExceededError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
-from fvs_service.model import Page, now
+from fvs_service.model import now
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes import repository
-from fvs_service.scenes.model import Scene, SceneChange, SceneList, SceneRequest, SceneSize
+from fvs_service.scenes.model import Scene, SceneChange, SceneList, ScenePage, SceneRequest, SceneSize
 from fvs_service.settings import Limits
 from fvs_service.storage.database import Database
 from fvs_service.storage.idempotency import IdempotencyKey
@@ -68,9 +68,8 @@ class Scenes:
             repository.scene_head_of(session, principal, scene_id)
             return repository.size_of(session, scene_id)
 
-    def all(self, principal: Principal, page: Page) -> SceneList:
-        """The tenant's scenes, the oldest first."""
+    def all(self, principal: Principal, page: ScenePage) -> SceneList:
+        """The tenant's scenes, the newest first; refuses a cursor of another list."""
         principal.require(Scope.READ)
         with self._database.reading() as session:
-            scenes = repository.scenes_of_tenant(session, principal.tenant_id, page.after, page.limit + 1)
-        return SceneList.of(scenes, page.limit, lambda scene: scene.id)
+            return repository.scenes_of_tenant(session, principal.tenant_id, page)

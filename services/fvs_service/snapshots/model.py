@@ -92,7 +92,7 @@ class SnapshotChange(Model):
 
 
 class SnapshotList(Listing[Snapshot]):
-    """Snapshots of a scene, the oldest first."""
+    """Snapshots of a scene, the newest first."""
 
 
 class PinholeIntrinsics(Model):

@@ -7,8 +7,10 @@ from sqlalchemy.orm import Session
 
 from fvs_service.errors import NotFoundError
 from fvs_service.jobs.model import JobKind
+from fvs_service.model import Page
 from fvs_service.principal import Principal
-from fvs_service.snapshots.model import Snapshot
+from fvs_service.snapshots.model import Snapshot, SnapshotList
+from fvs_service.storage.pages import Cursors, newest_first
 from fvs_service.storage.tables import JobRow, SceneRow, SnapshotArtifactRow, SnapshotRow
 
 
@@ -96,16 +98,17 @@ def of_update_before(session: Session, scene_id: str, job_id: str) -> str | None
     )
 
 
-def snapshots_of_scene(
-    session: Session, scene_id: str, after: str | None, limit: int
-) -> tuple[Snapshot, ...]:
-    """The snapshots of a scene, the oldest first."""
-    rows = session.scalars(
-        select(SnapshotRow)
-        .where(SnapshotRow.scene_id == scene_id, SnapshotRow.id > (after or ""))
-        .order_by(SnapshotRow.id)
-        .limit(limit)
-    )
+def snapshots_of_scene(session: Session, scene_id: str, page: Page) -> SnapshotList:
+    """The snapshots of a scene, the newest first; refuses a cursor of another list."""
+    query = select(SnapshotRow).where(SnapshotRow.scene_id == scene_id)
+    rows, following = newest_first(session, query, SnapshotRow, page, Cursors("snapshots", scene_id))
+    return SnapshotList(items=tuple(map(_snapshot, rows)), next=following)
+
+
+def first_snapshots(session: Session, scene_id: str, count: int) -> tuple[Snapshot, ...]:
+    """The oldest snapshots of a scene, in their order."""
+    query = select(SnapshotRow).where(SnapshotRow.scene_id == scene_id)
+    rows = session.scalars(query.order_by(*SnapshotRow.oldest_first()).limit(count))
     return tuple(map(_snapshot, rows))
 
 

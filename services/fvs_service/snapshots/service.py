@@ -76,12 +76,11 @@ class Snapshots:
             return repository.snapshot_of(session, principal, snapshot_id)
 
     def of_scene(self, principal: Principal, scene_id: str, page: Page) -> SnapshotList:
-        """The snapshots of a scene, the oldest first."""
+        """The snapshots of a scene, the newest first; refuses a cursor of another list."""
         principal.require(Scope.READ, scene_id)
         with self._database.reading() as session:
             scene_of(session, principal, scene_id)
-            found = repository.snapshots_of_scene(session, scene_id, page.after, page.limit + 1)
-        return SnapshotList.of(found, page.limit, lambda snapshot: snapshot.id)
+            return repository.snapshots_of_scene(session, scene_id, page)
 
     def artifact(self, principal: Principal, snapshot_id: str, name: str) -> Artifact:
         """One file of a snapshot; raises ``NotFoundError``."""

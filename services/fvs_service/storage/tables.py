@@ -46,7 +46,7 @@ class Recorded:
     """Rows that record when they were added, by the clock of the database.
 
     The order of ids is that of the machines' clocks. ``recorded_at_ms`` is 0 in rows from before version 0005
-    of the schema, whose order is that of their ids.
+    of the schema (of scenes: 0007), whose order is that of their ids.
     """
 
     id: Mapped[str] = mapped_column(String(40), primary_key=True)
@@ -96,7 +96,7 @@ class IdempotencyRow(Table):
     created_at: Mapped[datetime] = mapped_column(index=True)
 
 
-class SceneRow(Table):
+class SceneRow(Recorded, Table):
     """A scene; ``snapshot_id`` points to the latest snapshot, ``working_copy`` to that of its folder.
 
     Of its events those up to ``last_deleted_event`` are not kept any longer.
@@ -104,7 +104,6 @@ class SceneRow(Table):
 
     __tablename__ = "scenes"
 
-    id: Mapped[str] = mapped_column(String(40), primary_key=True)
     tenant_id: Mapped[str] = mapped_column(String(64), index=True)
     request: Mapped[dict[str, Any]]
     origin: Mapped[dict[str, Any] | None]

@@ -19,14 +19,14 @@ from fvs_service.application import Application
 from fvs_service.gateway.capabilities import capabilities_of
 from fvs_service.gateway.rest.bodies import parse as parse_body
 from fvs_service.images.model import DigestCheck
-from fvs_service.jobs.model import JobRequest
+from fvs_service.jobs.model import JobPage, JobRequest
 from fvs_service.missions.model import MissionOptions, MissionRequest
-from fvs_service.model import NumberedPage, Page
+from fvs_service.model import Page
 from fvs_service.plans.model import PlanRequest
 from fvs_service.principal import Principal
 from fvs_service.rankings.model import RankingRequest
 from fvs_service.rankings.port import ViewImage
-from fvs_service.scenes.model import SceneChange, SceneRequest
+from fvs_service.scenes.model import SceneChange, ScenePage, SceneRequest
 from fvs_service.settings import Limits
 from fvs_service.snapshots.model import SnapshotChange
 from fvs_service.visits.model import VisitReport
@@ -72,7 +72,7 @@ class Call:
         return parse_body(MissionOptions, orjson.dumps(given), Limits())
 
     def page(self, kind: type[Page] = Page) -> Any:
-        asked = {name: self.given[name] for name in ("after", "limit") if name in self.given}
+        asked = {name: self.given[name] for name in kind.model_fields if name in self.given}
         return parse_body(kind, orjson.dumps(asked), Limits())
 
 
@@ -95,7 +95,9 @@ OPERATIONS: dict[str, Operation] = {
         lambda app, who, call: app.scenes.create(who, call.body, call.idempotency_key),
         ("scene", SceneRequest),
     ),
-    "ListScenes": Operation("GET", "/v1/scenes", lambda app, who, call: app.scenes.all(who, call.page())),
+    "ListScenes": Operation(
+        "GET", "/v1/scenes", lambda app, who, call: app.scenes.all(who, call.page(ScenePage))
+    ),
     "GetScene": Operation(
         "GET", "/v1/scenes/{scene_id}", lambda app, who, call: app.scenes.get(who, call.scene_id)
     ),
@@ -120,7 +122,7 @@ OPERATIONS: dict[str, Operation] = {
     "ListImages": Operation(
         "GET",
         "/v1/scenes/{scene_id}/images",
-        lambda app, who, call: app.images.of_scene(who, call.scene_id, call.page(NumberedPage)),
+        lambda app, who, call: app.images.of_scene(who, call.scene_id, call.page()),
     ),
     "GetImage": Operation(
         "GET",
@@ -151,7 +153,7 @@ OPERATIONS: dict[str, Operation] = {
     "ListJobs": Operation(
         "GET",
         "/v1/scenes/{scene_id}/jobs",
-        lambda app, who, call: app.jobs.of_scene(who, call.scene_id, call.page()),
+        lambda app, who, call: app.jobs.of_scene(who, call.scene_id, call.page(JobPage)),
     ),
     "GetJob": Operation("GET", "/v1/jobs/{job_id}", lambda app, who, call: app.jobs.get(who, call.job_id)),
     "CancelJob": Operation(

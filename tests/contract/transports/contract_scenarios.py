@@ -10,9 +10,10 @@ LOOK = {"frame": "world", "position": [0.0, 0.0, -4.0], "orientation_wxyz": [1.0
 ORIGIN = {"latitude_deg": 48.3014, "longitude_deg": 7.2511, "altitude_m": 412.0}
 
 
-def refused(outcome: Any, code: str) -> None:
+def refused(outcome: Any, code: str) -> Any:
     assert outcome.code == code, outcome
     assert outcome.message
+    return outcome
 
 
 def model_of(tenant: Any, scene: str, alignment: Alignment | None = None) -> str:

@@ -7,11 +7,12 @@ from typing import Any
 
 from contract_outcome import Outcome
 from contract_transports import Transport, bearer
-from fvs_service.model import Page
+from fvs_service.scenes.model import ScenePage
 
 _ID = re.compile(r"\b(scn|job|snp|rnk|key|req|whk)_[0-9a-z]{26}\b")
 _TIME = re.compile(r"^\d{4}-\d\d-\d\dT")
 _MEASURED = frozenset({"seconds", "waited_s", "heartbeat_age_s", "delivered", "secret"})
+_OPAQUE = frozenset({"next"})
 
 
 class Tenant:
@@ -32,7 +33,7 @@ class Tenant:
         """The headers of a request that only REST has."""
         return bearer(self.key)
 
-    def call(self, name: str, body: Any = None, **given: Any) -> Outcome:
+    def call(self, name: str, body: Any = None, /, **given: Any) -> Outcome:
         """Call an operation with the tenant's key, or with ``key``."""
         key = given.pop("key", self.key)
         return self._noted(name, self.transport.call(name, key, given, body))
@@ -57,7 +58,7 @@ class Tenant:
         """Delete all scenes."""
         app = self.gateway.application
         caller = app.storage.keys.authenticate(self.key)
-        for scene in app.scenes.all(caller, Page()).items:
+        for scene in app.scenes.all(caller, ScenePage()).items:
             app.deletions.scene(caller, scene.id)
 
     def _noted(self, name: str, outcome: Outcome) -> Outcome:
@@ -73,10 +74,15 @@ class Tenant:
         return outcome
 
     def _comparable(self, value: Any) -> Any:
-        """A value without what differs from call to call: ids, times, durations."""
+        """A value without what differs from call to call: ids, times, durations, cursors."""
         if isinstance(value, Mapping):
             return {
-                name: 0.0 if name in _MEASURED else self._comparable(part) for name, part in value.items()
+                name: 0.0
+                if name in _MEASURED
+                else part is not None
+                if name in _OPAQUE
+                else self._comparable(part)
+                for name, part in value.items()
             }
         if isinstance(value, list | tuple):
             return [self._comparable(part) for part in value]

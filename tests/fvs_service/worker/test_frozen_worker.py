@@ -61,7 +61,7 @@ def _freeze_in_training(service: Any, job: str) -> int:
 def _models(service: Any, scene: str, job: str) -> list[str]:
     """The digests of what the job made, in order."""
     snapshots = service.client.get(f"/v1/scenes/{scene}/snapshots").json()["items"]
-    made = (snapshot["artifacts"] for snapshot in snapshots if snapshot["job_id"] == job)
+    made = (snapshot["artifacts"] for snapshot in reversed(snapshots) if snapshot["job_id"] == job)
     return [item["sha256"] for artifacts in made for item in artifacts if item["name"] == "point_cloud.ply"]
 
 

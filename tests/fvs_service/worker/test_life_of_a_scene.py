@@ -44,7 +44,7 @@ def _niceness(pid: int) -> int:
 
 
 def test_photographs_become_a_snapshot_that_ranks(service: Any, modelled: str) -> None:
-    quick, snapshot = service.client.get(f"/v1/scenes/{modelled}/snapshots").json()["items"][:2]
+    snapshot, quick = service.client.get(f"/v1/scenes/{modelled}/snapshots").json()["items"][-2:]
     assert quick["job_id"] == snapshot["job_id"]
     assert quick["metrics"]["iterations"] == 24
     assert quick["metrics"]["registered"] == snapshot["metrics"]["registered"] == 5

@@ -1,6 +1,6 @@
 """Jobs: create, get, list, wait for, cancel and retry them."""
 
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncIterator, Callable, Iterable
 from typing import Self
 
 from fvs_client import requests
@@ -8,7 +8,7 @@ from fvs_client._async import waiting
 from fvs_client._async.session import AsyncResource, AsyncSession
 from fvs_client._async.snapshots import AsyncSnapshot
 from fvs_client.errors import NotFoundError
-from fvs_client.models.jobs import JobData, JobKind, JobRequest
+from fvs_client.models.jobs import JobData, JobKind, JobRequest, JobState
 
 
 class AsyncJob(AsyncResource, JobData):
@@ -81,6 +81,9 @@ class AsyncSceneJobs:
         request = requests.create_job(self._scene_id, job, idempotency_key)
         return await self._session.fetch(AsyncJob, request)
 
-    def list(self) -> AsyncIterator[AsyncJob]:
-        """All jobs, oldest first."""
-        return self._session.items(AsyncJob, requests.jobs_of(self._scene_id))
+    def list(self, *, state: JobState | str | Iterable[JobState | str] = ()) -> AsyncIterator[AsyncJob]:
+        """The jobs in one of these states, by default all, newest first."""
+        states = (state,) if isinstance(state, str) else state
+        return self._session.items(
+            AsyncJob, requests.jobs_of(self._scene_id), {"state": [str(one) for one in states]}
+        )

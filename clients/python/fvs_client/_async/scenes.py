@@ -300,6 +300,6 @@ class AsyncScenes:
         """The images of a scene, without fetching the scene: for a device whose API key may only upload."""
         return AsyncSceneImages(self._session, scene_id)
 
-    def list(self) -> AsyncIterator[AsyncScene]:
-        """All scenes, oldest first."""
-        return self._session.items(AsyncScene, "/v1/scenes")
+    def list(self, *, name: str | None = None) -> AsyncIterator[AsyncScene]:
+        """All scenes, or those with this name, newest first."""
+        return self._session.items(AsyncScene, "/v1/scenes", {} if name is None else {"name": name})

@@ -1,7 +1,7 @@
 """Requests with authentication, retries and typed errors."""
 
 import time
-from collections.abc import AsyncIterator
+from collections.abc import AsyncIterator, Mapping
 from contextlib import asynccontextmanager
 from typing import Any, Generic, TypeVar
 
@@ -86,12 +86,14 @@ class AsyncSession:
         except httpx2.HTTPError as error:
             raise self._connection.failure(error, request_id) from error
 
-    async def items(self, kind: type[M], path: str, limit: int | None = None) -> AsyncIterator[M]:
-        """The items of a list; pages of ``limit`` items are requested as they are needed."""
+    async def items(
+        self, kind: type[M], path: str, params: Mapping[str, Any] | None = None
+    ) -> AsyncIterator[M]:
+        """The items of a list; pages are requested as they are needed, with ``params`` of their query."""
         page_of: type[_Page[M]] = _Page[kind]  # type: ignore[valid-type]
         after: str | None = None
         while True:
-            page = await self.fetch(page_of, requests.list_of(path, after, limit))
+            page = await self.fetch(page_of, requests.list_of(path, params or {}, after))
             for item in page.items:
                 yield item
             if page.next is None:

@@ -78,5 +78,5 @@ class AsyncSceneSnapshots:
         return await self._session.fetch(AsyncSnapshot, requests.get_snapshot(scene.snapshot_id))
 
     def list(self) -> AsyncIterator[AsyncSnapshot]:
-        """All snapshots, oldest first."""
+        """All snapshots, newest first."""
         return self._session.items(AsyncSnapshot, requests.snapshots_of(self._scene_id))

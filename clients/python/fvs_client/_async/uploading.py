@@ -141,7 +141,7 @@ class _Uploader:
             if len(wanted) <= _MOST_SINGLE_VERDICTS:
                 images = await map_concurrently(self._get, sorted(wanted), self._parallel)
             else:
-                listed = self._session.items(Image, requests.images_of(self._scene_id), limit=1000)
+                listed = self._session.items(Image, requests.images_of(self._scene_id), {"limit": 1000})
                 images = [image async for image in listed]
         except ForbiddenError:
             return {}

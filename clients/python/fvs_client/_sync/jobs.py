@@ -1,7 +1,7 @@
 # Generated from _async/jobs.py by `make generate`. Do not edit.
 """Jobs: create, get, list, wait for, cancel and retry them."""
 
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from typing import Self
 
 from fvs_client import requests
@@ -9,7 +9,7 @@ from fvs_client._sync import waiting
 from fvs_client._sync.session import Resource, Session
 from fvs_client._sync.snapshots import Snapshot
 from fvs_client.errors import NotFoundError
-from fvs_client.models.jobs import JobData, JobKind, JobRequest
+from fvs_client.models.jobs import JobData, JobKind, JobRequest, JobState
 
 
 class Job(Resource, JobData):
@@ -82,6 +82,9 @@ class SceneJobs:
         request = requests.create_job(self._scene_id, job, idempotency_key)
         return self._session.fetch(Job, request)
 
-    def list(self) -> Iterator[Job]:
-        """All jobs, oldest first."""
-        return self._session.items(Job, requests.jobs_of(self._scene_id))
+    def list(self, *, state: JobState | str | Iterable[JobState | str] = ()) -> Iterator[Job]:
+        """The jobs in one of these states, by default all, newest first."""
+        states = (state,) if isinstance(state, str) else state
+        return self._session.items(
+            Job, requests.jobs_of(self._scene_id), {"state": [str(one) for one in states]}
+        )

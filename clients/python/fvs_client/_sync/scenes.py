@@ -301,6 +301,6 @@ class Scenes:
         """The images of a scene, without fetching the scene: for a device whose API key may only upload."""
         return SceneImages(self._session, scene_id)
 
-    def list(self) -> Iterator[Scene]:
-        """All scenes, oldest first."""
-        return self._session.items(Scene, "/v1/scenes")
+    def list(self, *, name: str | None = None) -> Iterator[Scene]:
+        """All scenes, or those with this name, newest first."""
+        return self._session.items(Scene, "/v1/scenes", {} if name is None else {"name": name})

@@ -2,7 +2,7 @@
 """Requests with authentication, retries and typed errors."""
 
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from typing import Any, Generic, TypeVar
 
@@ -87,12 +87,12 @@ class Session:
         except httpx2.HTTPError as error:
             raise self._connection.failure(error, request_id) from error
 
-    def items(self, kind: type[M], path: str, limit: int | None = None) -> Iterator[M]:
-        """The items of a list; pages of ``limit`` items are requested as they are needed."""
+    def items(self, kind: type[M], path: str, params: Mapping[str, Any] | None = None) -> Iterator[M]:
+        """The items of a list; pages are requested as they are needed, with ``params`` of their query."""
         page_of: type[_Page[M]] = _Page[kind]  # type: ignore[valid-type]
         after: str | None = None
         while True:
-            page = self.fetch(page_of, requests.list_of(path, after, limit))
+            page = self.fetch(page_of, requests.list_of(path, params or {}, after))
             for item in page.items:
                 yield item
             if page.next is None:

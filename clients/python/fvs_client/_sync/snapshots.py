@@ -79,5 +79,5 @@ class SceneSnapshots:
         return self._session.fetch(Snapshot, requests.get_snapshot(scene.snapshot_id))
 
     def list(self) -> Iterator[Snapshot]:
-        """All snapshots, oldest first."""
+        """All snapshots, newest first."""
         return self._session.items(Snapshot, requests.snapshots_of(self._scene_id))

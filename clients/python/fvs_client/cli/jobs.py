@@ -1,5 +1,7 @@
 """``fvs-client jobs``, and ``update`` and ``fine``, which queue one."""
 
+from typing import Annotated
+
 import typer
 
 from fvs_client import Job
@@ -16,7 +18,7 @@ from fvs_client.cli.options import (
 from fvs_client.cli.output import describe_metrics, print_json, print_table
 from fvs_client.cli.progress import display, job_progress
 from fvs_client.cli.session import find_scene, service
-from fvs_client.models.jobs import JobKind, JobRequest
+from fvs_client.models.jobs import JobKind, JobRequest, JobState
 
 jobs = typer.Typer(help="List, show, wait for, cancel and retry jobs.", no_args_is_help=True)
 
@@ -53,10 +55,18 @@ def fine(
 
 
 @jobs.command("list")
-def list_all(context: typer.Context, scene: SceneArgument, as_json: JsonOption = False) -> None:
-    """List the jobs of a scene, oldest first."""
+def list_all(
+    context: typer.Context,
+    scene: SceneArgument,
+    state: Annotated[
+        list[JobState] | None,
+        typer.Option(help="Only jobs in this state; may be repeated.", show_default="all"),
+    ] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """List the jobs of a scene, newest first."""
     with service(context, as_json=as_json, patient=True) as client:
-        found = list(find_scene(client, scene).jobs.list())
+        found = list(find_scene(client, scene).jobs.list(state=state or ()))
     if as_json:
         print_json([job.model_dump(mode="json") for job in found])
         return

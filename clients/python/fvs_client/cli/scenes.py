@@ -88,10 +88,14 @@ def create(
 
 
 @scenes.command("list")
-def list_all(context: typer.Context, as_json: JsonOption = False) -> None:
-    """List the scenes, oldest first."""
+def list_all(
+    context: typer.Context,
+    name: Annotated[str | None, typer.Option(help="Only scenes with this name.", show_default="all")] = None,
+    as_json: JsonOption = False,
+) -> None:
+    """List the scenes, newest first."""
     with service(context, as_json=as_json) as client:
-        found = list(client.scenes.list())
+        found = list(client.scenes.list(name=name))
     if as_json:
         print_json([scene.model_dump(mode="json", by_alias=True) for scene in found])
         return

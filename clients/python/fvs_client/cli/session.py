@@ -47,7 +47,7 @@ def find_scene(client: Client, name: str) -> Scene:
     """Get the scene with this id, or the only scene with this name."""
     if name.startswith("scn_"):
         return client.scenes.get(name)
-    found = [scene for scene in client.scenes.list() if scene.name == name]
+    found = list(client.scenes.list(name=name))
     if len(found) == 1:
         return found[0]
     if not found:

@@ -45,7 +45,7 @@ def download(
 
 @snapshots.command("list")
 def list_all(context: typer.Context, scene: SceneArgument, as_json: JsonOption = False) -> None:
-    """List the snapshots of a scene, oldest first."""
+    """List the snapshots of a scene, newest first."""
     with service(context, as_json=as_json) as client:
         found = find_scene(client, scene)
         listed = list(found.snapshots.list())

@@ -118,6 +118,9 @@ def _message(kind: str, variables: Mapping[str, str], request: httpx2.Request) -
         "start": _start(request.headers.get("Range", "")),
     }
     given: dict[str, Any] = {**variables, **request.url.params}
+    for name in given.keys() & request.url.params.keys():
+        if name in fields and fields[name].is_repeated:
+            given[name] = request.url.params.get_list(name)
     for name in _FLAGS & given.keys():
         given[name] = given[name] == "true"
     given.update((name, value) for name, value in headers.items() if value is not None and name in fields)

@@ -15,8 +15,10 @@ from fvs_service.events.feed import EventFeed
 from fvs_service.gateway.drain import Drain
 from fvs_service.gateway.rest.query import require_known_query
 from fvs_service.ids import new_id
-from fvs_service.model import NumberedPage, Page
+from fvs_service.jobs.model import JobPage
+from fvs_service.model import Page
 from fvs_service.principal import Principal, Scope
+from fvs_service.scenes.model import ScenePage
 from fvs_service.telemetry import Metrics
 
 PageT = TypeVar("PageT", bound=Page)
@@ -100,7 +102,11 @@ async def _page(request: Request, page: Annotated[Page, Query()]) -> Page:
     return _within_limits(request, page)
 
 
-async def _numbered_page(request: Request, page: Annotated[NumberedPage, Query()]) -> NumberedPage:
+async def _scene_page(request: Request, page: Annotated[ScenePage, Query()]) -> ScenePage:
+    return _within_limits(request, page)
+
+
+async def _job_page(request: Request, page: Annotated[JobPage, Query()]) -> JobPage:
     return _within_limits(request, page)
 
 
@@ -110,7 +116,8 @@ def _within_limits(request: Request, page: PageT) -> PageT:
 
 
 Paging = Annotated[Page, Depends(_page)]
-NumberedPaging = Annotated[NumberedPage, Depends(_numbered_page)]
+ScenePaging = Annotated[ScenePage, Depends(_scene_page)]
+JobPaging = Annotated[JobPage, Depends(_job_page)]
 IdempotencyKey = Annotated[
     str | None,
     Header(

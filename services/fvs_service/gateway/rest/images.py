@@ -19,7 +19,7 @@ from fvs_service.gateway.rest.dependencies import (
     App,
     Caller,
     Counters,
-    NumberedPaging,
+    Paging,
     Parsing,
     SceneId,
     SceneUploader,
@@ -150,7 +150,7 @@ async def upload_images(
 
 
 @router.get("/images")
-def list_images(app: App, caller: Caller, scene_id: SceneId, page: NumberedPaging) -> ImageList:
+def list_images(app: App, caller: Caller, scene_id: SceneId, page: Paging) -> ImageList:
     """List the images of a scene in the order of arrival, with their verdicts."""
     return app.images.of_scene(caller, scene_id, page)
 

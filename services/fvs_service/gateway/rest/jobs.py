@@ -10,7 +10,7 @@ from fvs_service.gateway.rest.dependencies import (
     Caller,
     IdempotencyKey,
     JobId,
-    Paging,
+    JobPaging,
     SceneId,
     set_location,
     to_operate,
@@ -37,8 +37,8 @@ def create_job(
 
 
 @router.get("/scenes/{scene_id}/jobs")
-def list_jobs(app: App, caller: Caller, scene_id: SceneId, page: Paging) -> JobList:
-    """List the jobs of a scene, the oldest first."""
+def list_jobs(app: App, caller: Caller, scene_id: SceneId, page: JobPaging) -> JobList:
+    """List the jobs of a scene, the newest first."""
     return app.jobs.of_scene(caller, scene_id, page)
 
 

@@ -1,4 +1,4 @@
-"""Parameters of the query: a route refuses those that it does not have, and those that are given twice."""
+"""Parameters of the query: a route refuses those that it does not have, and one value given twice."""
 
 from fastapi import Request
 
@@ -14,7 +14,7 @@ def require_known_query(request: Request) -> None:
     if not request.url.query:
         return
     route = request.scope.get("route")
-    known = route.parameters if isinstance(route, JsonRoute) else frozenset()
+    known = route.parameters if isinstance(route, JsonRoute) else {}
     names = [name for name, _ in request.query_params.multi_items()]
     for name in names:
         shown = name[:_SHOWN]
@@ -25,7 +25,7 @@ def require_known_query(request: Request) -> None:
                 hint=f"The parameters are {have}." if have else "Leave it out: there are none here.",
                 errors=[FieldError(shown, "there is no such parameter")],
             )
-        if names.count(name) > 1:
+        if names.count(name) > 1 and not known[name]:
             raise InvalidRequestError(
                 f"The parameter {shown!r} is given twice.",
                 hint="Give it once.",

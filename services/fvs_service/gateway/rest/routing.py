@@ -7,7 +7,7 @@ handler.
 import functools
 import inspect
 from collections.abc import Callable, Iterator
-from typing import Any
+from typing import Any, get_origin
 
 from fastapi import APIRouter, Response
 from fastapi.dependencies.models import Dependant
@@ -34,8 +34,8 @@ class JsonRoute(APIRoute):
         super().__init__(path, _serialising(endpoint, options.get("status_code") or 200), **options)
         kinds = (getattr(dependency.call, "kind", None) for dependency in self.dependant.dependencies)
         self.body: type[Model] | None = next((kind for kind in kinds if kind is not None), None)
-        self.parameters = frozenset(_parameters(self.dependant))
-        """The names of the parameters of its query."""
+        self.parameters = dict(_parameters(self.dependant))
+        """The names of the parameters of its query, and whether each may come several times."""
         if self.body is not None:
             schema = {"$ref": f"#/components/schemas/{self.body.__name__}"}
             content = {"application/json": {"schema": schema}}
@@ -47,13 +47,14 @@ def json_router(prefix: str, tag: str) -> APIRouter:
     return APIRouter(prefix=prefix, tags=[tag], route_class=JsonRoute)
 
 
-def _parameters(dependant: Dependant) -> Iterator[str]:
+def _parameters(dependant: Dependant) -> Iterator[tuple[str, bool]]:
     for field in dependant.query_params:
         kind = field.field_info.annotation
         if isinstance(kind, type) and issubclass(kind, Model):
-            yield from kind.model_fields
+            for name, inner_field in kind.model_fields.items():
+                yield name, get_origin(inner_field.annotation) is tuple
         else:
-            yield field.alias
+            yield field.alias, False
     for inner in dependant.dependencies:
         yield from _parameters(inner)
 

@@ -9,8 +9,8 @@ from fvs_service.gateway.rest.dependencies import (
     App,
     Caller,
     IdempotencyKey,
-    Paging,
     SceneId,
+    ScenePaging,
     set_location,
     to_create_scenes,
     to_operate,
@@ -36,8 +36,8 @@ def create_scene(
 
 
 @router.get("")
-def list_scenes(app: App, caller: Caller, page: Paging) -> SceneList:
-    """List the scenes, the oldest first."""
+def list_scenes(app: App, caller: Caller, page: ScenePaging) -> SceneList:
+    """List the scenes, the newest first."""
     return app.scenes.all(caller, page)
 
 

@@ -31,7 +31,7 @@ _RANGES = {
 
 @router.get("/scenes/{scene_id}/snapshots")
 def list_snapshots(app: App, caller: Caller, scene_id: SceneId, page: Paging) -> SnapshotList:
-    """List the snapshots of a scene, the oldest first."""
+    """List the snapshots of a scene, the newest first."""
     return app.storage.snapshots.of_scene(caller, scene_id, page)
 
 

@@ -14,7 +14,7 @@ from fvs_service.gateway.rpc.requests import digest_of, page_of
 from fvs_service.gateway.rpc.uploads import ImageUpload
 from fvs_service.images.model import DigestAnswer, DigestCheck, Image, ImageList
 from fvs_service.images.partial_uploads import Upload
-from fvs_service.model import NumberedPage
+from fvs_service.model import Page
 from fvs_service.principal import Principal, Scope
 
 
@@ -46,7 +46,7 @@ class ImageServicer:
 
     def list_images(self, caller: Principal, request: pb.ListImagesRequest) -> ImageList:
         """List the images of a scene."""
-        page = page_of(NumberedPage, request, self._app.storage.settings.limits)
+        page = page_of(Page, request, self._app.storage.settings.limits)
         return self._app.images.of_scene(caller, request.scene_id, page)
 
     def get_image(self, caller: Principal, request: pb.GetImageRequest) -> Image:

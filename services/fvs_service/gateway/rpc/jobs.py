@@ -10,8 +10,7 @@ from fvs_service.errors import stopping
 from fvs_service.gateway.rpc.calls import Call
 from fvs_service.gateway.rpc.conversion import read
 from fvs_service.gateway.rpc.requests import idempotency_key, page_of
-from fvs_service.jobs.model import Job, JobList, JobRequest
-from fvs_service.model import Page
+from fvs_service.jobs.model import Job, JobList, JobPage, JobRequest
 from fvs_service.principal import Principal, Scope
 
 
@@ -31,7 +30,7 @@ class JobServicer:
 
     def list_jobs(self, caller: Principal, request: pb.ListJobsRequest) -> JobList:
         """List the jobs of a scene."""
-        page = page_of(Page, request, self._app.storage.settings.limits)
+        page = page_of(JobPage, request, self._app.storage.settings.limits)
         return self._app.jobs.of_scene(caller, request.scene_id, page)
 
     def get_job(self, caller: Principal, request: pb.GetJobRequest) -> Job:

@@ -13,9 +13,9 @@ from fvs_service.events.model import Event, EventKind
 from fvs_service.gateway.rpc.calls import Call
 from fvs_service.gateway.rpc.conversion import pick, read
 from fvs_service.gateway.rpc.requests import idempotency_key, page_of
-from fvs_service.model import Model, Page
+from fvs_service.model import Model
 from fvs_service.principal import Principal, Scope
-from fvs_service.scenes.model import Scene, SceneChange, SceneList, SceneRequest, SceneSize
+from fvs_service.scenes.model import Scene, SceneChange, SceneList, ScenePage, SceneRequest, SceneSize
 
 
 class _Start(Model):
@@ -37,7 +37,7 @@ class SceneServicer:
 
     def list_scenes(self, caller: Principal, request: pb.ListScenesRequest) -> SceneList:
         """List the scenes."""
-        return self._app.scenes.all(caller, page_of(Page, request, self._app.storage.settings.limits))
+        return self._app.scenes.all(caller, page_of(ScenePage, request, self._app.storage.settings.limits))
 
     def get_scene(self, caller: Principal, request: pb.GetSceneRequest) -> Scene:
         """Return a scene."""
