@@ -23,6 +23,7 @@ from fvs_service.gateway.rest import (
     jobs,
     missions,
     openapi,
+    pages,
     plans,
     problems,
     rankings,
@@ -132,7 +133,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
         title="Frequency View Selection",
         version=importlib.metadata.version("fvs"),
         lifespan=lifespan,
-        docs_url=None,  # these pages load scripts from other hosts
+        docs_url=None,  # its pages load scripts from other hosts; ``pages`` has one that does not
         redoc_url=None,
         redirect_slashes=False,
         generate_unique_id_function=lambda route: route.name,
@@ -153,5 +154,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
         bodies += [
             route.body for route in module.router.routes if isinstance(route, JsonRoute) and route.body
         ]
+    if settings.rest:
+        app.include_router(pages.router)
     openapi.describe(app, bodies, keys_required=settings.keys_required is True)
     return app
