@@ -108,6 +108,18 @@ def test_a_view_from_behind_shares_nothing_with_the_images(wall: Gaussians) -> N
     assert assessed(wall, *views).chances == {}  # poses are known
 
 
+def test_points_that_are_hidden_do_not_count(wall: Gaussians) -> None:
+    spots = np.random.default_rng(0).uniform([-1, -1, 0], [1, 1, 0], (300, 3))
+    view = towards("front", (0.2, 0.0, -4.0))
+    for behind, status in ((1.0, None), (3.0, CandidateStatus.UNREGISTRABLE)):
+        observations = Observations(
+            spots + np.array([0.0, 0.0, behind]),
+            np.repeat(np.arange(300), len(EYES)),
+            np.tile(np.stack(EYES), (300, 1)),
+        )
+        assert assessed(wall, view, observations=observations).against.get("front") == status
+
+
 def test_what_is_not_feasible_follows_without_rank_and_keeps_its_status_with_one() -> None:
     assessment = Assessment(
         {"b": CandidateStatus.TOO_CLOSE, "c": CandidateStatus.IN_MATTER}, {"a": 0.8, "b": 0.4, "c": 0.1}, 1
