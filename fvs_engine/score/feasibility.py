@@ -26,7 +26,7 @@ from fvs_engine.views import PinholeView
 MOST_NEAR = 0.5
 """Share of a view that may show the model from nearer than half the distance of the nearest photograph.
 
-On eight scenes at most 0.48 at the poses of photographs (``benchmarks/first_views.py``, docs/adr/0049)."""
+On eight scenes at most 0.48 at the poses of photographs (``benchmarks/first_views.py``, docs/adr/0050)."""
 LEAST_CHANCE = 0.1
 """Probability of being registered below which a candidate is not ranked."""
 
