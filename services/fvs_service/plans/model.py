@@ -42,7 +42,7 @@ class PlanRequest(Model):
             "examples": [
                 {"generator": {"kind": "orbit", "count": 48}, "views": 8},
                 {
-                    "generator": {"kind": "grid", "columns": 10, "rows": 10},
+                    "generator": {"kind": "grid", "columns": 10, "rows": 10, "height_m": 4.0},
                     "views": 20,
                     "distance_m": 120.0,
                     "home": True,
