@@ -3,6 +3,7 @@
 from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager, contextmanager
 from dataclasses import dataclass
+from functools import partial
 
 from fvs_engine.files.storage import storage_errors
 from fvs_service.auth import Keys
@@ -146,11 +147,11 @@ def _opened(
         database.close()
 
 
-def _require_room_for_rankings(settings: Settings) -> None:
+def _require_room_for_results(settings: Settings) -> None:
     """Raise ``OutOfSpaceError`` when free disk space has fallen to half of the reserve.
 
-    A mission continues with rankings when uploads are refused; the other half is for jobs that end and for
-    deletions.
+    A mission continues with rankings and plans when uploads are refused; the other half is for jobs that end
+    and for deletions.
     """
     if settings.on_one_machine:
         require_room(settings.root, 0, settings.reserve_bytes // 2)
@@ -173,6 +174,7 @@ def open_application(
             jobs = Jobs(storage.database, storage.queue, limits)
             runners = make_runners(storage)
             frames = SnapshotFrames(storage.database, storage.snapshots, limits.candidates_per_ranking)
+            require_room_for_results = partial(_require_room_for_results, settings)
             rankings = Rankings(
                 storage.database,
                 storage.blobs,
@@ -180,8 +182,9 @@ def open_application(
                 runners,
                 limits,
                 taken_poses,
-                lambda: _require_room_for_rankings(settings),
+                require_room_for_results,
             )
+            plans = Plans(storage.database, frames, runners, limits, taken_poses, require_room_for_results)
             destinations = Destinations(settings.webhook_hosts)
             resumable_uploads = ResumableUploads(
                 settings.resumable_uploads,
@@ -215,9 +218,9 @@ def open_application(
                 exclusions=Exclusions(storage.database, jobs),
                 jobs=jobs,
                 rankings=rankings,
-                plans=Plans(storage.database, frames, runners, limits, taken_poses),
+                plans=plans,
                 visits=Visits(storage.database, frames),
-                missions=Missions(storage.database, frames, rankings),
+                missions=Missions(storage.database, frames, rankings, plans),
                 webhooks=Webhooks(storage.database, destinations),
                 destinations=destinations,
                 deletions=Deletions(storage.database, resumable_uploads, settings.removal_grace_s),

@@ -170,10 +170,10 @@ class WorkerSettings(Record):
 
 
 class Retention(Record):
-    """How many snapshots, rankings, events and jobs each scene keeps, and for how long.
+    """How many snapshots, rankings, plans, events and jobs each scene keeps, and for how long.
 
-    What exceeds either limit is deleted. Scenes can have their own numbers for snapshots and rankings. The
-    idempotency keys of a tenant are limited in the same way.
+    What exceeds either limit is deleted. Scenes can have their own numbers for snapshots, rankings and plans.
+    The idempotency keys of a tenant are limited in the same way.
     """
 
     snapshots: _Number | None = None
@@ -184,6 +184,10 @@ class Retention(Record):
     """Number of rankings that a scene keeps; by default all."""
     ranking_days: _Days | None = None
     """Age up to which rankings are kept; by default without limit."""
+    plans: _Number | None = None
+    """Number of plans that a scene keeps; by default all."""
+    plan_days: _Days | None = None
+    """Age up to which plans are kept; by default without limit."""
     events: _Number | None = 10_000
     """Number of events that a scene keeps."""
     event_days: _Days | None = 90.0

@@ -227,6 +227,15 @@ def missions(surface: Surface) -> Iterator[Any]:
     yield file.save(folder / "another.json").name
     poses = {stop.id: stop.pose for stop in plan.stops}
     yield do(scene.mission, poses, "csv", snapshot_id=plan.snapshot_id)
+    yield do(scene.mission, plan.stops, "csv", leave_out=True)
+    yield do(scene.mission, [one for one in ranking.candidates if one.rank], "csv", leave_out=True)
+    yield do(plan.mission, "csv", leave_out=True).content
+    yield surface.attempt(plan.mission, "csv", vehicle=3)
+    yield [one.id for one in surface.items(scene.plans.list(), None)] == [plan.id]
+    yield [one.id for one in surface.items(scene.rankings.list(), None)] == [ranking.id]
+    yield do(client.plans.get, plan.id) == plan
+    yield do(plan.delete)
+    yield surface.attempt(client.plans.get, plan.id)
     yield surface.attempt(scene.mission, {}, "csv")
 
 

@@ -54,12 +54,14 @@ def test_rankings_and_plans_become_missions(run: Run, gateway: Any, tmp_path: Pa
     assert _said(left) == f"Warning: {stop} is left out: {reason}.\n"
     left = run("mission", tour, *flown, "--out", out, "--leave-out", "--json")
     assert json.loads(left.stdout)["reasons"] == [reason]
-    assert "is no ranking's id" in run("mission", "nothing", expect=2).stderr
+    assert "is no id of a ranking or plan" in run("mission", "nothing", expect=2).stderr
     for place in ("north", "nan,7.75", "46,7,inf", "46", "1,2,3,4"):
         assert "is not LAT,LON" in run("mission", ranking, "--home", place, expect=2).stderr
     assert "`--home` must be at most 90." in run("mission", ranking, "--home", "91,7.75", expect=3).stderr
     refused = run("mission", ranking, "--geofence", "46.01,7.74", expect=3).stderr
     assert "--geofence: a fence has 3 to 200 corners" in refused
+    by_id = run("mission", planned["id"], "--format", "csv", "--out", tmp_path).stdout.strip()
+    assert by_id == str(tmp_path / f"{planned['id']}.csv")
     refused = run("mission", tour, "--vehicle", 1, expect=2).stderr
     assert "The plan is for 1 vehicle; `--vehicle` counts from 0." in refused
     written = run("mission", ranking, "--format", "csv", "--out", f"{tmp_path}/new/folder/").stdout.strip()

@@ -30,6 +30,20 @@ def test_flights_are_planned(compare: Compare) -> None:
             "invalid-request",
         )
         refused(tenant.call("PlanViews", {"views": 0}, scene_id=scene), "invalid-request")
+        made = planned.result["id"]
+        assert tenant.call("GetPlan", plan_id=made).result == planned.result
+        listed = tenant.call("ListPlans", scene_id=scene, limit=2).result
+        assert [one["id"] for one in listed["items"]][1] == made
+        assert len(tenant.call("ListPlans", scene_id=scene, after=listed["next"]).result["items"]) == 1
+        refused(tenant.call("ListPlans", scene_id=scene, after="zzz"), "invalid-request")
+        key = {"scene_id": scene, "idempotency_key": "p"}
+        once = tenant.call("PlanViews", here, **key).result["id"]
+        assert tenant.call("PlanViews", here, **key).result["id"] == once
+        refused(tenant.call("PlanViews", {}, **key), "idempotency-key-reused")
+        tenant.call("DeletePlan", plan_id=once)
+        refused(tenant.call("GetPlan", plan_id=once), "not-found")
+        refused(tenant.call("PlanViews", here, **key), "gone")
+        refused(tenant.call("DeletePlan", plan_id=once), "not-found")
 
     compare(scenario)
 
@@ -178,6 +192,11 @@ def test_views_are_ranked_and_rendered(compare: Compare) -> None:
         )
         tenant.call("RankViews", {"top_k": 2, "snapshot_id": snapshot}, scene_id=scene)
         tenant.call("GetRanking", ranking_id=made)
+        listed = tenant.call("ListRankings", scene_id=scene, limit=3).result
+        assert [one["total"] for one in listed["items"]] == [24, 3, 4]
+        (first,) = tenant.call("ListRankings", scene_id=scene, after=listed["next"]).result["items"]
+        assert (first["id"], first["generator"], first["best"]) == (made, None, "a")
+        refused(tenant.call("ListRankings", scene_id=scene, after="zzz"), "invalid-request")
         assert tenant.call("RenderCandidate", ranking_id=made, candidate_id="a").result.startswith(b"\x89PNG")
         refused(tenant.call("RenderCandidate", ranking_id=made, candidate_id="z"), "not-found")
         tenant.call("DeleteRanking", ranking_id=made)
@@ -241,6 +260,13 @@ def test_views_become_missions(compare: Compare) -> None:
         again = tenant.call("CreateMission", long, scene_id=scene, format="csv", takeoff=False, **home)
         assert again.result, again
         refused(tenant.call("GetRankingMission", ranking_id="rnk_0", format="csv"), "not-found")
+        here = {"candidates": candidates, "vehicles": [one["pose"] for one in candidates]}
+        plan = tenant.call("PlanViews", here, scene_id=scene).result["id"]
+        for vehicle in (0, 1):
+            assert tenant.call("GetPlanMission", plan_id=plan, format="csv", vehicle=vehicle, **home).result
+        refused(tenant.call("GetPlanMission", plan_id=plan, format="csv", vehicle=2), "invalid-request")
+        refused(tenant.call("GetPlanMission", plan_id=plan, format="csv", vehicle=-1), "invalid-request")
+        refused(tenant.call("GetPlanMission", plan_id="pln_0", format="csv"), "not-found")
 
     compare(scenario)
 

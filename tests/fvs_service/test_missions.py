@@ -139,14 +139,38 @@ def test_a_tour_of_a_plan_becomes_a_mission(gateway: Any, scene: str) -> None:
     request = {"generator": {"kind": "orbit", "count": 8, "height_m": 30.0}, "views": 3, "home": True}
     plan = gateway.client.post(f"/v1/scenes/{scene}/plans", json=request).json()
     (tour,) = plan["tours"]
-    body = {
-        "views": [{"id": stop["id"], "pose": stop["pose"], "via": stop["via"]} for stop in tour["stops"]],
-        "via_home": tour["via_home"],
-        "snapshot_id": plan["snapshot_id"],
-    }
+    by_id = gateway.client.get(f"/v1/plans/{plan['id']}/mission", params={"format": "csv", **HOME})
+    assert [row["id"] for row in _rows(by_id)] == [stop["id"] for stop in tour["stops"]]
     address = f"/v1/scenes/{scene}/missions"
+    body = {"views": tour["stops"], "via_home": tour["via_home"], "snapshot_id": plan["snapshot_id"]}
     answer = gateway.client.post(address, json=body, params={"format": "csv", **HOME})
-    assert [row["id"] for row in _rows(answer)] == [stop["id"] for stop in tour["stops"]]
+    assert _rows(answer) == _rows(by_id)
+    wrong = gateway.client.post(
+        address, json={"views": [{**tour["stops"][0], "vai": []}]}, params={"format": "csv"}
+    )
+    assert wrong.json()["errors"][0]["field"] == "views.0.vai"
+
+
+def test_ranked_candidates_become_a_mission_as_they_are(gateway: Any, scene: str, ranking: Any) -> None:
+    ranked = [item for item in ranking["candidates"] if item["rank"] is not None]
+    answer = gateway.client.post(
+        f"/v1/scenes/{scene}/missions", json={"views": ranked}, params={"format": "csv", **HOME}
+    )
+    assert _rows(answer) == _rows(_mission(gateway, ranking, format="csv", **HOME))
+
+
+def test_a_plan_has_a_mission_for_each_vehicle(gateway: Any, scene: str, ranking: Any) -> None:
+    candidates = [{"id": item["id"], "pose": item["pose"]} for item in ranking["candidates"]]
+    request = {"candidates": candidates, "vehicles": [candidates[0]["pose"], candidates[2]["pose"]]}
+    plan = gateway.client.post(f"/v1/scenes/{scene}/plans", json=request).json()
+    path = f"/v1/plans/{plan['id']}/mission"
+    flown = [
+        [row["id"] for row in _rows(gateway.client.get(path, params={"format": "csv", "vehicle": number}))]
+        for number in (0, 1)
+    ]
+    assert flown == [[stop["id"] for stop in tour["stops"]] for tour in plan["tours"]]
+    beyond = gateway.client.get(path, params={"format": "csv", "vehicle": 2}).json()
+    assert beyond["errors"] == [{"field": "vehicle", "message": "the plan is for 2 vehicles, counted from 0"}]
 
 
 def test_a_scene_without_georeference_refuses_with_the_remedy(gateway: Any) -> None:

@@ -32,7 +32,7 @@ def scene(gateway: Any) -> str:
 
 def test_a_flight_through_an_orbit(gateway: Any, scene: str) -> None:
     answer = _plan(gateway, scene, generator={"kind": "orbit", "count": 12}, views=4)
-    assert answer.status_code == 200, answer.text
+    assert answer.status_code == 201, answer.text
     plan = answer.json()
     (tour,) = plan["tours"]
     assert len(tour["stops"]) == 4
@@ -47,6 +47,22 @@ def test_a_flight_through_an_orbit(gateway: Any, scene: str) -> None:
     places = [stop["pose"]["position"] for stop in tour["stops"]]
     steps = np.linalg.norm(np.diff(places, axis=0), axis=1)
     assert steps.tolist() == pytest.approx([stop["distance_m"] for stop in tour["stops"][1:]])
+
+
+def test_a_plan_is_kept_with_its_inputs(gateway: Any, scene: str) -> None:
+    answer = _plan(gateway, scene, views=2)
+    plan = answer.json()
+    assert answer.headers["location"] == f"/v1/plans/{plan['id']}"
+    assert gateway.client.get(answer.headers["location"]).json() == plan
+    assert plan["request"]["generator"]["kind"] == "orbit"
+    again = _plan(gateway, scene, **{**plan["request"], "snapshot_id": plan["snapshot_id"]}).json()
+    same = ("tours", "candidates", "now", "end", "summary")
+    assert {name: again[name] for name in same} == {name: plan[name] for name in same}
+    listed = gateway.client.get(f"/v1/scenes/{scene}/plans").json()["items"]
+    assert [item["id"] for item in listed][:2] == [again["id"], plan["id"]]
+    assert listed[1] == {name: plan[name] for name in listed[1]}
+    assert gateway.client.delete(f"/v1/plans/{plan['id']}").status_code == 204
+    assert gateway.client.get(f"/v1/plans/{plan['id']}").status_code == 404
 
 
 def test_a_plan_without_anything_is_an_orbit_from_the_last_image(gateway: Any, scene: str) -> None:
@@ -122,7 +138,7 @@ def _viewing(stop: dict[str, Any]) -> Any:
 
 def test_candidates_come_from_a_volume(gateway: Any, scene: str) -> None:
     answer = _plan(gateway, scene, generator=_in(SHELL, count=40), views=4, vehicles=[_at(0.0)], home=True)
-    assert answer.status_code == 200, answer.text
+    assert answer.status_code == 201, answer.text
     plan = answer.json()
     (tour,) = plan["tours"]
     assert len(tour["stops"]) == 4

@@ -45,6 +45,23 @@ def test_candidates_are_ranked_by_the_engine(gateway: Any, scene: str) -> None:
     assert gateway.client.get(answer.headers["location"]).json() == ranking
 
 
+def test_rankings_are_listed_without_their_candidates(gateway: Any) -> None:
+    scene = gateway.scene()
+    gateway.model(scene)
+    path = f"/v1/scenes/{scene}/rankings"
+    made = [gateway.client.post(path, json={"generator": {"kind": "orbit", "count": n}}) for n in (3, 4, 5)]
+    page = gateway.client.get(path, params={"limit": 2}).json()
+    rest = gateway.client.get(path, params={"after": page["next"]}).json()
+    assert rest["next"] is None
+    for item, answer in zip((*page["items"], *rest["items"]), reversed(made), strict=True):
+        ranking = answer.json()
+        best = next((one["id"] for one in ranking["candidates"] if one["rank"] == 1), None)
+        assert item == {
+            **{name: ranking[name] for name in ("id", "scene_id", "snapshot_id", "total", "created_at")},
+            **{"method": "median-frequency", "generator": "orbit", "best": best},
+        }
+
+
 def test_a_replayed_ranking_gives_the_same(gateway: Any, scene: str) -> None:
     first = _rank(gateway, scene, generator={"kind": "orbit", "count": 7}).json()
     replay = gateway.client.post(

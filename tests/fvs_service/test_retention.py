@@ -36,15 +36,18 @@ def _snapshots(gateway: Any, scene: str) -> list[str]:
 
 def test_retention_by_number_keeps_the_newest_and_the_pinned(open_gateway: Any) -> None:
     gateway = open_gateway()
-    own, usual = gateway.scene(retention={"snapshots": 1, "rankings": 2}), gateway.scene()
+    own, usual = gateway.scene(retention={"snapshots": 1, "rankings": 2, "plans": 1}), gateway.scene()
     made = {scene: [gateway.model(scene) for _ in range(4)] for scene in (own, usual)}
     rankings = [_rank(gateway, own) for _ in range(4)]
+    plans = [gateway.client.post(f"/v1/scenes/{own}/plans", json={}).json()["id"] for _ in range(4)]
     gateway.client.patch(f"/v1/snapshots/{made[own][1]}", json={"pinned": True})
-    assert _apply(gateway, snapshots=3) == 2 + 2 + 1
+    assert _apply(gateway, snapshots=3) == 2 + 2 + 3 + 1
     assert _snapshots(gateway, own) == [made[own][1], made[own][3]]
     assert _snapshots(gateway, usual) == made[usual][1:]
     found = [gateway.client.get(f"/v1/rankings/{ranking}").status_code for ranking in rankings]
     assert found == [404, 404, 200, 200]
+    found = [gateway.client.get(f"/v1/plans/{plan}").status_code for plan in plans]
+    assert found == [404, 404, 404, 200]
     assert _apply(gateway, snapshots=3) == 0
     assert gateway.client.get(f"/v1/scenes/{own}").json()["snapshot_id"] == made[own][3]
 
@@ -122,7 +125,7 @@ def test_what_was_the_newest_a_moment_ago_stays_whatever_a_clock_says(
 def test_all_rankings_beyond_a_limit_are_deleted_in_one_sweep(
     open_gateway: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fvs_service.deletion.retention._RANKINGS_AT_ONCE", 2)
+    monkeypatch.setattr("fvs_service.deletion.retention._RESULTS_AT_ONCE", 2)
     gateway = open_gateway()
     scene = gateway.scene(retention={"rankings": 1})
     gateway.model(scene)

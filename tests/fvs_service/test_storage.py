@@ -87,8 +87,9 @@ def test_migrations_make_the_tables_that_the_code_uses(tmp_path: Path) -> None:
 
 def _undo_newest(session: Session) -> None:
     """Before schema 0005, rows did not have the database's time (scenes: 0007); before 0006 there were no
-    webhooks."""
+    webhooks, before 0008 no plans."""
     session.execute(text("DROP TABLE webhooks"))
+    session.execute(text("DROP TABLE plans"))
     session.execute(text("DROP INDEX ix_jobs_recorded"))
     for table in ("scenes", "jobs", "snapshots", "rankings"):
         session.execute(text(f"ALTER TABLE {table} DROP COLUMN recorded_at_ms"))

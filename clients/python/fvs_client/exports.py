@@ -2,12 +2,14 @@
 
 from fvs_client._async.client import AsyncClient
 from fvs_client._async.jobs import AsyncJob
+from fvs_client._async.plans import AsyncPlan
 from fvs_client._async.rankings import AsyncRanking
 from fvs_client._async.scenes import AsyncScene
 from fvs_client._async.snapshots import AsyncSnapshot
 from fvs_client._async.webhooks import AsyncWebhook
 from fvs_client._sync.client import Client
 from fvs_client._sync.jobs import Job
+from fvs_client._sync.plans import Plan
 from fvs_client._sync.rankings import Ranking
 from fvs_client._sync.scenes import Scene
 from fvs_client._sync.snapshots import Snapshot
@@ -68,7 +70,7 @@ from fvs_client.models.missions import (
     MissionView,
 )
 from fvs_client.models.pictures import Png
-from fvs_client.models.plans import CandidateTerms, Expectation, Plan, PlanRequest, Stop, Tour
+from fvs_client.models.plans import CandidateTerms, Expectation, PlanRequest, PlanSummary, Stop, Tour
 from fvs_client.models.poses import FramePose, VehiclePose
 from fvs_client.models.rankings import (
     AroundCurrent,
@@ -83,6 +85,7 @@ from fvs_client.models.rankings import (
     RankedCandidate,
     RankingMethod,
     RankingRequest,
+    RankingSummary,
     RankingWarning,
     ScoredCandidate,
 )
@@ -127,6 +130,7 @@ __all__ = [
     "Artifact",
     "AsyncClient",
     "AsyncJob",
+    "AsyncPlan",
     "AsyncRanking",
     "AsyncScene",
     "AsyncSnapshot",
@@ -200,6 +204,7 @@ __all__ = [
     "PinholeIntrinsics",
     "Plan",
     "PlanRequest",
+    "PlanSummary",
     "Png",
     "Policy",
     "Pose",
@@ -209,6 +214,7 @@ __all__ = [
     "Ranking",
     "RankingMethod",
     "RankingRequest",
+    "RankingSummary",
     "RankingWarning",
     "Registration",
     "Retention",

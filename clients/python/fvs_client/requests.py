@@ -222,10 +222,15 @@ def create_ranking(
 
     When ``streamed``, the answer is a stream of events, with candidates as they are scored.
     """
-    request = _keyed(f"/v1/scenes/{_part(scene_id)}/rankings", ranking, idempotency_key)
+    request = _keyed(rankings_of(scene_id), ranking, idempotency_key)
     if streamed:
         request = replace(request, headers={**request.headers, "Accept": EVENT_STREAM})
     return _computed(request, timeout_s)
+
+
+def rankings_of(scene_id: str) -> str:
+    """Path of a scene's list of rankings."""
+    return f"/v1/scenes/{_part(scene_id)}/rankings"
 
 
 def report_visits(scene_id: str, report: VisitReport) -> Request:
@@ -263,10 +268,31 @@ def list_visits(scene_id: str) -> Request:
     return Request("GET", f"/v1/scenes/{_part(scene_id)}/visits")
 
 
-def create_plan(scene_id: str, plan: PlanRequest, timeout_s: float | None = None) -> Request:
+def create_plan(
+    scene_id: str, plan: PlanRequest, idempotency_key: str | None, timeout_s: float | None = None
+) -> Request:
     """Plan a flight; the service computes it for at most ``timeout_s``."""
-    request = Request("POST", f"/v1/scenes/{_part(scene_id)}/plans", document=plan.document())
-    return _computed(request, timeout_s)
+    return _computed(_keyed(plans_of(scene_id), plan, idempotency_key), timeout_s)
+
+
+def plans_of(scene_id: str) -> str:
+    """Path of a scene's list of plans."""
+    return f"/v1/scenes/{_part(scene_id)}/plans"
+
+
+def get_plan(plan_id: str) -> Request:
+    """Get a plan."""
+    return Request("GET", f"/v1/plans/{_part(plan_id)}")
+
+
+def delete_plan(plan_id: str) -> Request:
+    """Delete a plan."""
+    return Request("DELETE", f"/v1/plans/{_part(plan_id)}")
+
+
+def get_plan_mission(plan_id: str, vehicle: int, options: MissionOptions) -> Request:
+    """Get the stops of one vehicle of a plan as a mission."""
+    return Request("GET", f"/v1/plans/{_part(plan_id)}/mission", {"vehicle": vehicle, **options.document()})
 
 
 def get_ranking_mission(ranking_id: str, options: MissionOptions) -> Request:

@@ -31,6 +31,8 @@ class EventKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     EVENT_KIND_SNAPSHOT_DELETED: _ClassVar[EventKind]
     EVENT_KIND_RANKING_CREATED: _ClassVar[EventKind]
     EVENT_KIND_RANKING_DELETED: _ClassVar[EventKind]
+    EVENT_KIND_PLAN_CREATED: _ClassVar[EventKind]
+    EVENT_KIND_PLAN_DELETED: _ClassVar[EventKind]
     EVENT_KIND_EVENTS_DELETED: _ClassVar[EventKind]
 EVENT_KIND_UNSPECIFIED: EventKind
 EVENT_KIND_SCENE_CREATED: EventKind
@@ -51,6 +53,8 @@ EVENT_KIND_SNAPSHOT_CREATED: EventKind
 EVENT_KIND_SNAPSHOT_DELETED: EventKind
 EVENT_KIND_RANKING_CREATED: EventKind
 EVENT_KIND_RANKING_DELETED: EventKind
+EVENT_KIND_PLAN_CREATED: EventKind
+EVENT_KIND_PLAN_DELETED: EventKind
 EVENT_KIND_EVENTS_DELETED: EventKind
 
 class Event(_message.Message):

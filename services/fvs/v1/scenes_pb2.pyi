@@ -121,16 +121,20 @@ class Policy(_message.Message):
     def __init__(self, trigger: _Optional[_Union[Trigger, str]] = ..., k: _Optional[int] = ..., first: _Optional[int] = ...) -> None: ...
 
 class Retention(_message.Message):
-    __slots__ = ("snapshots", "snapshot_days", "rankings", "ranking_days")
+    __slots__ = ("snapshots", "snapshot_days", "rankings", "ranking_days", "plans", "plan_days")
     SNAPSHOTS_FIELD_NUMBER: _ClassVar[int]
     SNAPSHOT_DAYS_FIELD_NUMBER: _ClassVar[int]
     RANKINGS_FIELD_NUMBER: _ClassVar[int]
     RANKING_DAYS_FIELD_NUMBER: _ClassVar[int]
+    PLANS_FIELD_NUMBER: _ClassVar[int]
+    PLAN_DAYS_FIELD_NUMBER: _ClassVar[int]
     snapshots: int
     snapshot_days: float
     rankings: int
     ranking_days: float
-    def __init__(self, snapshots: _Optional[int] = ..., snapshot_days: _Optional[float] = ..., rankings: _Optional[int] = ..., ranking_days: _Optional[float] = ...) -> None: ...
+    plans: int
+    plan_days: float
+    def __init__(self, snapshots: _Optional[int] = ..., snapshot_days: _Optional[float] = ..., rankings: _Optional[int] = ..., ranking_days: _Optional[float] = ..., plans: _Optional[int] = ..., plan_days: _Optional[float] = ...) -> None: ...
 
 class SceneRequest(_message.Message):
     __slots__ = ("name", "world", "camera", "policy", "retention")

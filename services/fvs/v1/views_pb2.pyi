@@ -209,12 +209,36 @@ class VisitList(_message.Message):
     def __init__(self, visits: _Optional[_Iterable[_Union[Visit, _Mapping]]] = ...) -> None: ...
 
 class PlanViewsRequest(_message.Message):
-    __slots__ = ("scene_id", "plan")
+    __slots__ = ("scene_id", "plan", "idempotency_key")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     PLAN_FIELD_NUMBER: _ClassVar[int]
+    IDEMPOTENCY_KEY_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     plan: PlanRequest
-    def __init__(self, scene_id: _Optional[str] = ..., plan: _Optional[_Union[PlanRequest, _Mapping]] = ...) -> None: ...
+    idempotency_key: str
+    def __init__(self, scene_id: _Optional[str] = ..., plan: _Optional[_Union[PlanRequest, _Mapping]] = ..., idempotency_key: _Optional[str] = ...) -> None: ...
+
+class GetPlanRequest(_message.Message):
+    __slots__ = ("plan_id",)
+    PLAN_ID_FIELD_NUMBER: _ClassVar[int]
+    plan_id: str
+    def __init__(self, plan_id: _Optional[str] = ...) -> None: ...
+
+class ListPlansRequest(_message.Message):
+    __slots__ = ("scene_id", "after", "limit")
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    AFTER_FIELD_NUMBER: _ClassVar[int]
+    LIMIT_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    after: str
+    limit: int
+    def __init__(self, scene_id: _Optional[str] = ..., after: _Optional[str] = ..., limit: _Optional[int] = ...) -> None: ...
+
+class DeletePlanRequest(_message.Message):
+    __slots__ = ("plan_id",)
+    PLAN_ID_FIELD_NUMBER: _ClassVar[int]
+    plan_id: str
+    def __init__(self, plan_id: _Optional[str] = ...) -> None: ...
 
 class GetRankingMissionRequest(_message.Message):
     __slots__ = ("ranking_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone")
@@ -263,6 +287,56 @@ class GetRankingMissionRequest(_message.Message):
     autopilot: Autopilot
     drone: Drone
     def __init__(self, ranking_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ...) -> None: ...
+
+class GetPlanMissionRequest(_message.Message):
+    __slots__ = ("plan_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "vehicle")
+    PLAN_ID_FIELD_NUMBER: _ClassVar[int]
+    FORMAT_FIELD_NUMBER: _ClassVar[int]
+    FIRST_FIELD_NUMBER: _ClassVar[int]
+    HOME_LATITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    HOME_LONGITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    HOME_ALTITUDE_M_FIELD_NUMBER: _ClassVar[int]
+    ALTITUDE_DATUM_FIELD_NUMBER: _ClassVar[int]
+    GEOID_HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    TRANSIT_HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    LOWEST_HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    HIGHEST_HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
+    GEOFENCE_FIELD_NUMBER: _ClassVar[int]
+    LEAVE_OUT_FIELD_NUMBER: _ClassVar[int]
+    SPEED_M_S_FIELD_NUMBER: _ClassVar[int]
+    ACCEPTANCE_RADIUS_M_FIELD_NUMBER: _ClassVar[int]
+    HOLD_S_FIELD_NUMBER: _ClassVar[int]
+    GIMBAL_LOWEST_DEG_FIELD_NUMBER: _ClassVar[int]
+    GIMBAL_HIGHEST_DEG_FIELD_NUMBER: _ClassVar[int]
+    TAKEOFF_FIELD_NUMBER: _ClassVar[int]
+    FINISH_FIELD_NUMBER: _ClassVar[int]
+    AUTOPILOT_FIELD_NUMBER: _ClassVar[int]
+    DRONE_FIELD_NUMBER: _ClassVar[int]
+    VEHICLE_FIELD_NUMBER: _ClassVar[int]
+    plan_id: str
+    format: MissionFormat
+    first: int
+    home_latitude_deg: float
+    home_longitude_deg: float
+    home_altitude_m: float
+    altitude_datum: _poses_pb2.AltitudeDatum
+    geoid_height_m: float
+    transit_height_m: float
+    lowest_height_m: float
+    highest_height_m: float
+    geofence: str
+    leave_out: bool
+    speed_m_s: float
+    acceptance_radius_m: float
+    hold_s: float
+    gimbal_lowest_deg: float
+    gimbal_highest_deg: float
+    takeoff: bool
+    finish: Finish
+    autopilot: Autopilot
+    drone: Drone
+    vehicle: int
+    def __init__(self, plan_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., vehicle: _Optional[int] = ...) -> None: ...
 
 class CreateMissionRequest(_message.Message):
     __slots__ = ("scene_id", "mission", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone")
@@ -339,6 +413,16 @@ class GetRankingRequest(_message.Message):
     RANKING_ID_FIELD_NUMBER: _ClassVar[int]
     ranking_id: str
     def __init__(self, ranking_id: _Optional[str] = ...) -> None: ...
+
+class ListRankingsRequest(_message.Message):
+    __slots__ = ("scene_id", "after", "limit")
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    AFTER_FIELD_NUMBER: _ClassVar[int]
+    LIMIT_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    after: str
+    limit: int
+    def __init__(self, scene_id: _Optional[str] = ..., after: _Optional[str] = ..., limit: _Optional[int] = ...) -> None: ...
 
 class DeleteRankingRequest(_message.Message):
     __slots__ = ("ranking_id",)
@@ -634,6 +718,34 @@ class Ranking(_message.Message):
     created_at: _timestamp_pb2.Timestamp
     def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., request: _Optional[_Union[RankingRequest, _Mapping]] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ..., iterations: _Optional[int] = ..., gaussians: _Optional[int] = ..., fallback: _Optional[str] = ..., candidates: _Optional[_Iterable[_Union[RankedCandidate, _Mapping]]] = ..., total: _Optional[int] = ..., seconds: _Optional[float] = ..., waited_s: _Optional[float] = ..., warnings: _Optional[_Iterable[_Union[RankingWarning, _Mapping]]] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
 
+class RankingSummary(_message.Message):
+    __slots__ = ("id", "scene_id", "snapshot_id", "method", "generator", "total", "best", "created_at")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    SNAPSHOT_ID_FIELD_NUMBER: _ClassVar[int]
+    METHOD_FIELD_NUMBER: _ClassVar[int]
+    GENERATOR_FIELD_NUMBER: _ClassVar[int]
+    TOTAL_FIELD_NUMBER: _ClassVar[int]
+    BEST_FIELD_NUMBER: _ClassVar[int]
+    CREATED_AT_FIELD_NUMBER: _ClassVar[int]
+    id: str
+    scene_id: str
+    snapshot_id: str
+    method: str
+    generator: str
+    total: int
+    best: str
+    created_at: _timestamp_pb2.Timestamp
+    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., method: _Optional[str] = ..., generator: _Optional[str] = ..., total: _Optional[int] = ..., best: _Optional[str] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
+
+class RankingList(_message.Message):
+    __slots__ = ("items", "next")
+    ITEMS_FIELD_NUMBER: _ClassVar[int]
+    NEXT_FIELD_NUMBER: _ClassVar[int]
+    items: _containers.RepeatedCompositeFieldContainer[RankingSummary]
+    next: str
+    def __init__(self, items: _Optional[_Iterable[_Union[RankingSummary, _Mapping]]] = ..., next: _Optional[str] = ...) -> None: ...
+
 class RankingPart(_message.Message):
     __slots__ = ("candidates", "ranking")
     CANDIDATES_FIELD_NUMBER: _ClassVar[int]
@@ -741,9 +853,11 @@ class CandidateTerms(_message.Message):
     def __init__(self, id: _Optional[str] = ..., planned: _Optional[bool] = ..., gain: _Optional[float] = ..., gain_in_plan: _Optional[float] = ..., variance: _Optional[float] = ..., distance_m: _Optional[float] = ..., chance: _Optional[float] = ..., helps: _Optional[_Iterable[str]] = ..., coverage: _Optional[float] = ..., median_frequency: _Optional[float] = ...) -> None: ...
 
 class Plan(_message.Message):
-    __slots__ = ("scene_id", "snapshot_id", "summary", "now", "end", "tours", "candidates", "photographed", "alignment", "origin", "warnings")
+    __slots__ = ("id", "scene_id", "snapshot_id", "request", "summary", "now", "end", "tours", "candidates", "photographed", "alignment", "origin", "warnings", "created_at")
+    ID_FIELD_NUMBER: _ClassVar[int]
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     SNAPSHOT_ID_FIELD_NUMBER: _ClassVar[int]
+    REQUEST_FIELD_NUMBER: _ClassVar[int]
     SUMMARY_FIELD_NUMBER: _ClassVar[int]
     NOW_FIELD_NUMBER: _ClassVar[int]
     END_FIELD_NUMBER: _ClassVar[int]
@@ -753,8 +867,11 @@ class Plan(_message.Message):
     ALIGNMENT_FIELD_NUMBER: _ClassVar[int]
     ORIGIN_FIELD_NUMBER: _ClassVar[int]
     WARNINGS_FIELD_NUMBER: _ClassVar[int]
+    CREATED_AT_FIELD_NUMBER: _ClassVar[int]
+    id: str
     scene_id: str
     snapshot_id: str
+    request: PlanRequest
     summary: str
     now: Expectation
     end: Expectation
@@ -764,7 +881,30 @@ class Plan(_message.Message):
     alignment: _poses_pb2.Alignment
     origin: _poses_pb2.Origin
     warnings: _containers.RepeatedCompositeFieldContainer[RankingWarning]
-    def __init__(self, scene_id: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., summary: _Optional[str] = ..., now: _Optional[_Union[Expectation, _Mapping]] = ..., end: _Optional[_Union[Expectation, _Mapping]] = ..., tours: _Optional[_Iterable[_Union[Tour, _Mapping]]] = ..., candidates: _Optional[_Iterable[_Union[CandidateTerms, _Mapping]]] = ..., photographed: _Optional[_Iterable[str]] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ..., warnings: _Optional[_Iterable[_Union[RankingWarning, _Mapping]]] = ...) -> None: ...
+    created_at: _timestamp_pb2.Timestamp
+    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., request: _Optional[_Union[PlanRequest, _Mapping]] = ..., summary: _Optional[str] = ..., now: _Optional[_Union[Expectation, _Mapping]] = ..., end: _Optional[_Union[Expectation, _Mapping]] = ..., tours: _Optional[_Iterable[_Union[Tour, _Mapping]]] = ..., candidates: _Optional[_Iterable[_Union[CandidateTerms, _Mapping]]] = ..., photographed: _Optional[_Iterable[str]] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ..., warnings: _Optional[_Iterable[_Union[RankingWarning, _Mapping]]] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
+
+class PlanSummary(_message.Message):
+    __slots__ = ("id", "scene_id", "snapshot_id", "summary", "created_at")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    SNAPSHOT_ID_FIELD_NUMBER: _ClassVar[int]
+    SUMMARY_FIELD_NUMBER: _ClassVar[int]
+    CREATED_AT_FIELD_NUMBER: _ClassVar[int]
+    id: str
+    scene_id: str
+    snapshot_id: str
+    summary: str
+    created_at: _timestamp_pb2.Timestamp
+    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., summary: _Optional[str] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
+
+class PlanList(_message.Message):
+    __slots__ = ("items", "next")
+    ITEMS_FIELD_NUMBER: _ClassVar[int]
+    NEXT_FIELD_NUMBER: _ClassVar[int]
+    items: _containers.RepeatedCompositeFieldContainer[PlanSummary]
+    next: str
+    def __init__(self, items: _Optional[_Iterable[_Union[PlanSummary, _Mapping]]] = ..., next: _Optional[str] = ...) -> None: ...
 
 class MissionView(_message.Message):
     __slots__ = ("id", "pose", "via")

@@ -51,6 +51,11 @@ class ViewServiceStub:
                 request_serializer=fvs_dot_v1_dot_views__pb2.GetRankingRequest.SerializeToString,
                 response_deserializer=fvs_dot_v1_dot_views__pb2.Ranking.FromString,
                 _registered_method=True)
+        self.ListRankings = channel.unary_unary(
+                '/fvs.v1.ViewService/ListRankings',
+                request_serializer=fvs_dot_v1_dot_views__pb2.ListRankingsRequest.SerializeToString,
+                response_deserializer=fvs_dot_v1_dot_views__pb2.RankingList.FromString,
+                _registered_method=True)
         self.DeleteRanking = channel.unary_unary(
                 '/fvs.v1.ViewService/DeleteRanking',
                 request_serializer=fvs_dot_v1_dot_views__pb2.DeleteRankingRequest.SerializeToString,
@@ -66,6 +71,21 @@ class ViewServiceStub:
                 request_serializer=fvs_dot_v1_dot_views__pb2.PlanViewsRequest.SerializeToString,
                 response_deserializer=fvs_dot_v1_dot_views__pb2.Plan.FromString,
                 _registered_method=True)
+        self.GetPlan = channel.unary_unary(
+                '/fvs.v1.ViewService/GetPlan',
+                request_serializer=fvs_dot_v1_dot_views__pb2.GetPlanRequest.SerializeToString,
+                response_deserializer=fvs_dot_v1_dot_views__pb2.Plan.FromString,
+                _registered_method=True)
+        self.ListPlans = channel.unary_unary(
+                '/fvs.v1.ViewService/ListPlans',
+                request_serializer=fvs_dot_v1_dot_views__pb2.ListPlansRequest.SerializeToString,
+                response_deserializer=fvs_dot_v1_dot_views__pb2.PlanList.FromString,
+                _registered_method=True)
+        self.DeletePlan = channel.unary_unary(
+                '/fvs.v1.ViewService/DeletePlan',
+                request_serializer=fvs_dot_v1_dot_views__pb2.DeletePlanRequest.SerializeToString,
+                response_deserializer=google_dot_protobuf_dot_empty__pb2.Empty.FromString,
+                _registered_method=True)
         self.ReportVisits = channel.unary_unary(
                 '/fvs.v1.ViewService/ReportVisits',
                 request_serializer=fvs_dot_v1_dot_views__pb2.ReportVisitsRequest.SerializeToString,
@@ -79,6 +99,11 @@ class ViewServiceStub:
         self.GetRankingMission = channel.unary_unary(
                 '/fvs.v1.ViewService/GetRankingMission',
                 request_serializer=fvs_dot_v1_dot_views__pb2.GetRankingMissionRequest.SerializeToString,
+                response_deserializer=fvs_dot_v1_dot_views__pb2.MissionFile.FromString,
+                _registered_method=True)
+        self.GetPlanMission = channel.unary_unary(
+                '/fvs.v1.ViewService/GetPlanMission',
+                request_serializer=fvs_dot_v1_dot_views__pb2.GetPlanMissionRequest.SerializeToString,
                 response_deserializer=fvs_dot_v1_dot_views__pb2.MissionFile.FromString,
                 _registered_method=True)
         self.CreateMission = channel.unary_unary(
@@ -113,6 +138,13 @@ class ViewServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def ListRankings(self, request, context):
+        """List the rankings of a scene, without their candidates, the newest first.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def DeleteRanking(self, request, context):
         """Delete a ranking and the renders of its candidates.
         """
@@ -129,6 +161,27 @@ class ViewServiceServicer:
 
     def PlanViews(self, request, context):
         """Plan which candidates to photograph next, in the order of a short flight; possible while a job runs.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def GetPlan(self, request, context):
+        """Return a plan.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def ListPlans(self, request, context):
+        """List the plans of a scene, without their tours, the newest first.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def DeletePlan(self, request, context):
+        """Delete a plan.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -155,8 +208,15 @@ class ViewServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def GetPlanMission(self, request, context):
+        """Write the stops of one vehicle of a plan as a mission for an autopilot or a ground station.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def CreateMission(self, request, context):
-        """Write views, such as the stops of a plan, as a mission. It is not stored.
+        """Write views, such as stops of plans or candidates of rankings, as a mission. It is not stored.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -180,6 +240,11 @@ def add_ViewServiceServicer_to_server(servicer, server):
                     request_deserializer=fvs_dot_v1_dot_views__pb2.GetRankingRequest.FromString,
                     response_serializer=fvs_dot_v1_dot_views__pb2.Ranking.SerializeToString,
             ),
+            'ListRankings': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListRankings,
+                    request_deserializer=fvs_dot_v1_dot_views__pb2.ListRankingsRequest.FromString,
+                    response_serializer=fvs_dot_v1_dot_views__pb2.RankingList.SerializeToString,
+            ),
             'DeleteRanking': grpc.unary_unary_rpc_method_handler(
                     servicer.DeleteRanking,
                     request_deserializer=fvs_dot_v1_dot_views__pb2.DeleteRankingRequest.FromString,
@@ -195,6 +260,21 @@ def add_ViewServiceServicer_to_server(servicer, server):
                     request_deserializer=fvs_dot_v1_dot_views__pb2.PlanViewsRequest.FromString,
                     response_serializer=fvs_dot_v1_dot_views__pb2.Plan.SerializeToString,
             ),
+            'GetPlan': grpc.unary_unary_rpc_method_handler(
+                    servicer.GetPlan,
+                    request_deserializer=fvs_dot_v1_dot_views__pb2.GetPlanRequest.FromString,
+                    response_serializer=fvs_dot_v1_dot_views__pb2.Plan.SerializeToString,
+            ),
+            'ListPlans': grpc.unary_unary_rpc_method_handler(
+                    servicer.ListPlans,
+                    request_deserializer=fvs_dot_v1_dot_views__pb2.ListPlansRequest.FromString,
+                    response_serializer=fvs_dot_v1_dot_views__pb2.PlanList.SerializeToString,
+            ),
+            'DeletePlan': grpc.unary_unary_rpc_method_handler(
+                    servicer.DeletePlan,
+                    request_deserializer=fvs_dot_v1_dot_views__pb2.DeletePlanRequest.FromString,
+                    response_serializer=google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
+            ),
             'ReportVisits': grpc.unary_unary_rpc_method_handler(
                     servicer.ReportVisits,
                     request_deserializer=fvs_dot_v1_dot_views__pb2.ReportVisitsRequest.FromString,
@@ -208,6 +288,11 @@ def add_ViewServiceServicer_to_server(servicer, server):
             'GetRankingMission': grpc.unary_unary_rpc_method_handler(
                     servicer.GetRankingMission,
                     request_deserializer=fvs_dot_v1_dot_views__pb2.GetRankingMissionRequest.FromString,
+                    response_serializer=fvs_dot_v1_dot_views__pb2.MissionFile.SerializeToString,
+            ),
+            'GetPlanMission': grpc.unary_unary_rpc_method_handler(
+                    servicer.GetPlanMission,
+                    request_deserializer=fvs_dot_v1_dot_views__pb2.GetPlanMissionRequest.FromString,
                     response_serializer=fvs_dot_v1_dot_views__pb2.MissionFile.SerializeToString,
             ),
             'CreateMission': grpc.unary_unary_rpc_method_handler(
@@ -309,6 +394,33 @@ class ViewService:
             _registered_method=True)
 
     @staticmethod
+    def ListRankings(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.ViewService/ListRankings',
+            fvs_dot_v1_dot_views__pb2.ListRankingsRequest.SerializeToString,
+            fvs_dot_v1_dot_views__pb2.RankingList.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
     def DeleteRanking(request,
             target,
             options=(),
@@ -390,6 +502,87 @@ class ViewService:
             _registered_method=True)
 
     @staticmethod
+    def GetPlan(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.ViewService/GetPlan',
+            fvs_dot_v1_dot_views__pb2.GetPlanRequest.SerializeToString,
+            fvs_dot_v1_dot_views__pb2.Plan.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ListPlans(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.ViewService/ListPlans',
+            fvs_dot_v1_dot_views__pb2.ListPlansRequest.SerializeToString,
+            fvs_dot_v1_dot_views__pb2.PlanList.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def DeletePlan(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.ViewService/DeletePlan',
+            fvs_dot_v1_dot_views__pb2.DeletePlanRequest.SerializeToString,
+            google_dot_protobuf_dot_empty__pb2.Empty.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
     def ReportVisits(request,
             target,
             options=(),
@@ -459,6 +652,33 @@ class ViewService:
             target,
             '/fvs.v1.ViewService/GetRankingMission',
             fvs_dot_v1_dot_views__pb2.GetRankingMissionRequest.SerializeToString,
+            fvs_dot_v1_dot_views__pb2.MissionFile.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def GetPlanMission(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.ViewService/GetPlanMission',
+            fvs_dot_v1_dot_views__pb2.GetPlanMissionRequest.SerializeToString,
             fvs_dot_v1_dot_views__pb2.MissionFile.FromString,
             options,
             channel_credentials,

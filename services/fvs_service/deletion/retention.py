@@ -1,4 +1,4 @@
-"""Retention: the snapshots and rankings that a scene no longer keeps, by number and by age."""
+"""Retention: the snapshots, rankings and plans that a scene no longer keeps, by number and by age."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,13 +14,13 @@ from fvs_service.scenes.model import SceneRequest
 from fvs_service.settings import Retention
 from fvs_service.storage.clock import now_ms
 from fvs_service.storage.database import Database
-from fvs_service.storage.tables import RankingRow, SceneRow, SnapshotRow
+from fvs_service.storage.tables import PlanRow, RankingRow, SceneRow, SnapshotRow
 
 REASON = "retention"
 """The reason of a deletion in its event."""
 
-_RANKINGS_AT_ONCE = 500
-_OF_SCENES = {"snapshots", "snapshot_days", "rankings", "ranking_days"}
+_RESULTS_AT_ONCE = 500
+_OF_SCENES = {"snapshots", "snapshot_days", "rankings", "ranking_days", "plans", "plan_days"}
 
 
 @dataclass(frozen=True)
@@ -49,7 +49,7 @@ class RetentionRules:
         self._grace = timedelta(seconds=grace_s)
 
     def apply(self) -> int:
-        """Delete what no scene keeps any longer; returns the number of snapshots and rankings."""
+        """Delete what no scene keeps any longer; returns the number of what was deleted."""
         return sum(self._apply_to(scene_id, retention) for scene_id, retention in self._scenes())
 
     def _scenes(self) -> list[tuple[str, Retention]]:
@@ -73,16 +73,20 @@ class RetentionRules:
 
     def _delete_some(self, scene_id: str, retention: Retention) -> int:
         with self._database.reading() as session:
-            if not (self._snapshots(session, scene_id, retention) or _rankings(session, scene_id, retention)):
+            if not (
+                self._snapshots(session, scene_id, retention) or any(_results(session, scene_id, retention))
+            ):
                 return 0
         with self._database.writing(scene_id) as session:  # decide again: nothing changes from here on
             snapshots = self._snapshots(session, scene_id, retention)
-            rankings = _rankings(session, scene_id, retention)
+            rankings, plans = _results(session, scene_id, retention)
             for snapshot_id in snapshots:
                 rows.delete_snapshot(session, scene_id, snapshot_id, REASON, self._grace)
             for ranking_id in rankings:
                 rows.delete_ranking(session, scene_id, ranking_id, REASON)
-        return len(snapshots) + len(rankings)
+            for plan_id in plans:
+                rows.delete_plan(session, scene_id, plan_id, REASON)
+        return len(snapshots) + len(rankings) + len(plans)
 
     def _snapshots(self, session: Session, scene_id: str, retention: Retention) -> list[str]:
         """The snapshots to delete.
@@ -130,25 +134,36 @@ def _newest_of_each_kind(snapshots: Sequence[_Kept]) -> set[str]:
     return set({snapshot.kind: snapshot.id for snapshot in reversed(snapshots)}.values())
 
 
-def _rankings(session: Session, scene_id: str, retention: Retention) -> list[str]:
-    """Rankings to delete, a limited number at a time."""
+def _results(session: Session, scene_id: str, retention: Retention) -> tuple[list[str], list[str]]:
+    """The rankings and the plans to delete, a limited number at a time."""
+    rankings = _beyond(session, RankingRow, scene_id, retention.rankings, retention.ranking_days)
+    return rankings, _beyond(session, PlanRow, scene_id, retention.plans, retention.plan_days)
+
+
+def _beyond(
+    session: Session,
+    kind: type[RankingRow | PlanRow],
+    scene_id: str,
+    most: int | None,
+    days: float | None,
+) -> list[str]:
     beyond: list[ColumnElement[bool]] = []
-    if retention.rankings is not None:
+    if most is not None:
         last_kept = session.execute(
-            select(RankingRow.recorded_at_ms, RankingRow.id)
-            .where(RankingRow.scene_id == scene_id)
-            .order_by(*RankingRow.newest_first())
-            .offset(retention.rankings - 1)
+            select(kind.recorded_at_ms, kind.id)
+            .where(kind.scene_id == scene_id)
+            .order_by(*kind.newest_first())
+            .offset(most - 1)
             .limit(1)
         ).first()
         if last_kept is not None:
-            beyond.append(RankingRow.in_order() < tuple(last_kept))
-    if retention.ranking_days is not None:
-        beyond.append(RankingRow.created_at < _oldest(retention.ranking_days))
+            beyond.append(kind.in_order() < tuple(last_kept))
+    if days is not None:
+        beyond.append(kind.created_at < _oldest(days))
     if not beyond:
         return []
-    query = select(RankingRow.id).where(RankingRow.scene_id == scene_id, or_(*beyond))
-    return list(session.scalars(query.order_by(*RankingRow.oldest_first()).limit(_RANKINGS_AT_ONCE)))
+    query = select(kind.id).where(kind.scene_id == scene_id, or_(*beyond))
+    return list(session.scalars(query.order_by(*kind.oldest_first()).limit(_RESULTS_AT_ONCE)))
 
 
 def _oldest(days: float | None) -> datetime:

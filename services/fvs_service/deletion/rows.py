@@ -17,6 +17,7 @@ from fvs_service.storage.removals import remove_later
 from fvs_service.storage.tables import (
     EventRow,
     JobRow,
+    PlanRow,
     RankingRow,
     SceneLeaseRow,
     SceneRow,
@@ -66,6 +67,13 @@ def delete_ranking(session: Session, scene_id: str, ranking_id: str, reason: str
     session.execute(delete(RankingRow).where(RankingRow.id == ranking_id))
     data = {"ranking_id": ranking_id, "reason": reason}
     publish(session, scene_id, EventKind.RANKING_DELETED, data, subject=ranking_id)
+
+
+def delete_plan(session: Session, scene_id: str, plan_id: str, reason: str) -> None:
+    """Delete a plan."""
+    session.execute(delete(PlanRow).where(PlanRow.id == plan_id))
+    data = {"plan_id": plan_id, "reason": reason}
+    publish(session, scene_id, EventKind.PLAN_DELETED, data, subject=plan_id)
 
 
 def _tables_of(scene_id: str) -> Iterator[tuple[SqlTable, ColumnElement[bool]]]:

@@ -9,6 +9,7 @@ from fvs_service.deletion import rows
 from fvs_service.errors import ConflictError, UnfinishedJobError
 from fvs_service.images.resumable_uploads import ResumableUploads
 from fvs_service.jobs.model import JobState
+from fvs_service.plans.repository import plan_of
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings.repository import ranking_of
 from fvs_service.scenes.repository import find_scene_head, scene_head_of
@@ -22,14 +23,14 @@ REQUESTED = "requested"
 
 
 class Deletions:
-    """Deletes scenes, snapshots and rankings; each is gone when the call returns."""
+    """Deletes scenes, snapshots, rankings and plans; each is gone when the call returns."""
 
     def __init__(self, database: Database, uploads: ResumableUploads, grace_s: float) -> None:
         self._database, self._uploads = database, uploads
         self._grace = timedelta(seconds=grace_s)
 
     def scene(self, principal: Principal, scene_id: str) -> None:
-        """Delete a scene with its images, jobs, snapshots and rankings; running jobs stop."""
+        """Delete a scene with its images, jobs, snapshots, rankings and plans; running jobs stop."""
         principal.require(Scope.OPERATE, scene_id)
         with self._database.writing(scene_id) as session:
             scene_head_of(session, principal, scene_id)
@@ -68,6 +69,14 @@ class Deletions:
             lock_scene(session, ranking_of(session, principal, ranking_id).scene_id)
             ranking = ranking_of(session, principal, ranking_id)
             rows.delete_ranking(session, ranking.scene_id, ranking_id, REQUESTED)
+
+    def plan(self, principal: Principal, plan_id: str) -> None:
+        """Delete a plan."""
+        principal.require(Scope.OPERATE, principal.scene_id)
+        with self._database.writing() as session:
+            lock_scene(session, plan_of(session, principal, plan_id).scene_id)
+            plan = plan_of(session, principal, plan_id)
+            rows.delete_plan(session, plan.scene_id, plan_id, REQUESTED)
 
 
 def open_job_ids(session: Session, scene_id: str) -> frozenset[str]:

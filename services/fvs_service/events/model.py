@@ -28,6 +28,8 @@ class EventKind(StrEnum):
     SNAPSHOT_DELETED = "snapshot.deleted"
     RANKING_CREATED = "ranking.created"
     RANKING_DELETED = "ranking.deleted"
+    PLAN_CREATED = "plan.created"
+    PLAN_DELETED = "plan.deleted"
     EVENTS_DELETED = "events.deleted"
     """The stream lacks events: they and this number's were deleted by the retention."""
 

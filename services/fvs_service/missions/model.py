@@ -8,8 +8,9 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from fvs_service.missions.fence import Corner
 from fvs_service.model import WHOLE, Model, Number, of_fields, within
+from fvs_service.plans.model import Stop
 from fvs_service.quantities import Altitude, AsText, Latitude, Longitude, Tilt
-from fvs_service.rankings.model import CandidateId
+from fvs_service.rankings.model import CandidateId, RankedCandidate
 from fvs_service.scenes.model import AltitudeDatum
 from fvs_service.scenes.poses import Pose
 
@@ -202,8 +203,22 @@ def _corners(text: str) -> tuple[Corner, ...]:
     return tuple(corners)
 
 
+class PlanMissionOptions(MissionOptions):
+    """How the mission of a plan is flown and written, and by which vehicle."""
+
+    vehicle: Annotated[int, WHOLE] = Field(
+        default=0, ge=0, le=19, description="The vehicle of the plan, counted from 0."
+    )
+
+
+_OF_STOPS_AND_CANDIDATES = Stop.model_fields.keys() | RankedCandidate.model_fields.keys()
+
+
 class MissionView(Model):
-    """A view to photograph: a candidate of a ranking, or a stop of a plan."""
+    """A view to photograph. A stop of a plan, or a candidate of a ranking, is one as it is.
+
+    Their other fields, such as `score`, are not used.
+    """
 
     id: CandidateId
     """The id of the candidate or stop."""
@@ -211,6 +226,14 @@ class MissionView(Model):
     """Where its camera is, and where that looks."""
     via: Annotated[tuple[Pose, ...], Field(fail_fast=True), within(_MOST_VIA)] = ()
     """Where to pass on the way to it, in order."""
+
+    @model_validator(mode="before")
+    @classmethod
+    def _of_a_stop_or_candidate(cls, value: object) -> object:
+        if not isinstance(value, dict):
+            return value
+        unused = _OF_STOPS_AND_CANDIDATES - cls.model_fields.keys()
+        return {name: part for name, part in value.items() if name not in unused}
 
 
 class MissionRequest(Model):

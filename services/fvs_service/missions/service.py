@@ -1,17 +1,24 @@
 """Missions: the views of a ranking, of a plan or of one's own, as files for vehicles."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
-from fvs_service.errors import InvalidRequestError, NotFoundError
-from fvs_service.missions.model import MissionFile, MissionOptions, MissionRequest, MissionView
+from fvs_service.errors import FieldError, InvalidRequestError, NotFoundError
+from fvs_service.missions.model import (
+    MissionFile,
+    MissionOptions,
+    MissionRequest,
+    MissionView,
+    PlanMissionOptions,
+)
 from fvs_service.missions.writing import write_mission
+from fvs_service.plans.service import Plans
 from fvs_service.principal import Principal, Scope
-from fvs_service.rankings.model import Ranking
+from fvs_service.rankings.model import CandidateRequest
 from fvs_service.rankings.service import Rankings
 from fvs_service.rankings.snapshot_frames import SnapshotFrames
 from fvs_service.scenes.model import Alignment, AlignmentStatus
-from fvs_service.scenes.poses import WorldFrame, frame_of
+from fvs_service.scenes.poses import Pose, WorldFrame, frame_of
 from fvs_service.scenes.repository import scene_head_of
 from fvs_service.snapshots.model import PinholeIntrinsics
 from fvs_service.storage.database import Database
@@ -23,8 +30,9 @@ ReadRequest: TypeAlias = Callable[[], MissionRequest]
 class Missions:
     """Writes missions. Nothing is stored: the same views give the same bytes again."""
 
-    def __init__(self, database: Database, frames: SnapshotFrames, rankings: Rankings) -> None:
-        self._database, self._frames, self._rankings = database, frames, rankings
+    def __init__(self, database: Database, frames: SnapshotFrames, rankings: Rankings, plans: Plans) -> None:
+        self._database, self._frames = database, frames
+        self._rankings, self._plans = rankings, plans
 
     def of_ranking(self, principal: Principal, ranking_id: str, options: MissionOptions) -> MissionFile:
         """The ranked candidates of a ranking, in its order.
@@ -35,9 +43,27 @@ class Missions:
         ranked = [item for item in ranking.candidates if item.rank is not None]
         views = [MissionView(id=item.id, pose=item.pose) for item in ranked[: options.first]]
         frame = WorldFrame(ranking.origin, ranking.alignment)
-        _require_sure_axes(ranking.alignment, given=_given(ranking))
+        _require_sure_axes(ranking.alignment, given=_given(ranking.request.candidates))
         ground, camera = self._surroundings(ranking.snapshot_id)
         return write_mission(ranking.id, frame, views, (), options, ground, camera)
+
+    def of_plan(self, principal: Principal, plan_id: str, options: PlanMissionOptions) -> MissionFile:
+        """The stops of one vehicle of a plan; raises as ``of_ranking``."""
+        plan = self._plans.get(principal, plan_id)
+        if options.vehicle >= len(plan.tours):
+            vehicles = "1 vehicle" if len(plan.tours) == 1 else f"{len(plan.tours)} vehicles"
+            wrong = FieldError("vehicle", f"the plan is for {vehicles}, counted from 0")
+            raise InvalidRequestError(
+                f"{wrong.field}: {wrong.message}.", hint="Name one of them.", errors=(wrong,)
+            )
+        tour = plan.tours[options.vehicle]
+        views = [MissionView(id=stop.id, pose=stop.pose, via=stop.via) for stop in tour.stops]
+        frame = WorldFrame(plan.origin, plan.alignment)
+        _require_sure_axes(plan.alignment, given=_given(plan.request.candidates))
+        flown = views[: options.first]
+        ground, camera = self._surroundings(plan.snapshot_id)
+        via_home = _way_home(tour.via_home, flown, views)
+        return write_mission(plan.id, frame, flown, via_home, options, ground, camera)
 
     def of_views(
         self, principal: Principal, scene_id: str, read: ReadRequest, options: MissionOptions
@@ -52,8 +78,7 @@ class Missions:
         poses = [view.pose for view in request.views]
         _require_sure_axes(snapshot.alignment, given=all(frame_of(pose) != "model" for pose in poses))
         views = request.views[: options.first]
-        # The way home is that from the last view.
-        via_home = request.via_home if len(views) == len(request.views) else ()
+        via_home = _way_home(request.via_home, views, request.views)
         ground, camera = self._surroundings(snapshot.id)
         return write_mission(scene.id, frame, views, via_home, options, ground, camera)
 
@@ -69,9 +94,15 @@ class Missions:
         return float(lowest), cameras.camera
 
 
-def _given(ranking: Ranking) -> bool:
-    """Whether its candidates were given, in the world frame or with geodetic poses."""
-    given = ranking.request.candidates
+def _way_home(
+    via: Sequence[Pose], flown: Sequence[MissionView], views: Sequence[MissionView]
+) -> Sequence[Pose]:
+    """The way home from the last of ``views``, if it is flown to."""
+    return via if len(flown) == len(views) else ()
+
+
+def _given(given: Sequence[CandidateRequest] | None) -> bool:
+    """Whether candidates were listed, in the world frame or with geodetic poses."""
     return given is not None and all(frame_of(item.pose) != "model" for item in given)
 
 

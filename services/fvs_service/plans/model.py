@@ -5,7 +5,7 @@ from typing import Annotated, Self
 from pydantic import ConfigDict, Field, model_validator
 
 from fvs_engine.plan.plan_records import Expectation as EngineExpectation
-from fvs_service.model import WHOLE, Count, Model, Number, of_fields, within
+from fvs_service.model import WHOLE, Count, Listing, Model, Number, Timestamp, of_fields, within
 from fvs_service.quantities import Length
 from fvs_service.rankings.model import (
     CandidateRequest,
@@ -101,6 +101,13 @@ class PlanRequest(Model):
                 if pose.id in seen:
                     raise of_fields(f"two {what} have the id {pose.id}", what)
                 seen.add(pose.id)
+        return self
+
+    @property
+    def complete(self) -> Self:
+        """The same request with a generator, where it has neither that nor candidates."""
+        if self.candidates is None and self.generator is None:
+            return self.model_copy(update={"generator": Orbit(kind="orbit")})
         return self
 
     @property
@@ -204,12 +211,16 @@ class CandidateTerms(Model):
 
 
 class Plan(Model):
-    """A plan. It is not stored: planning again takes a fraction of a second."""
+    """An immutable plan, with all that is needed to repeat it."""
 
+    id: str
+    """The plan's id."""
     scene_id: str
     """The scene."""
     snapshot_id: str
     """The snapshot that it was planned for."""
+    request: PlanRequest
+    """What was asked for, with the defaults."""
     summary: str
     """The plan in a sentence."""
     now: Expectation
@@ -228,3 +239,24 @@ class Plan(Model):
     """The ENU origin that geodetic poses refer to; null in scenes that are not georeferenced."""
     warnings: tuple[RankingWarning, ...] = ()
     """Limits of the use of the plan."""
+    created_at: Timestamp
+    """When it was made."""
+
+
+class PlanSummary(Model):
+    """What a list tells of a plan."""
+
+    id: str
+    """The plan's id."""
+    scene_id: str
+    """The scene."""
+    snapshot_id: str
+    """The snapshot that it was planned for."""
+    summary: str
+    """The plan in a sentence."""
+    created_at: Timestamp
+    """When it was made."""
+
+
+class PlanList(Listing[PlanSummary]):
+    """Plans of a scene, the newest first."""

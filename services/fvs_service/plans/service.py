@@ -10,11 +10,16 @@ from fvs_engine.geometry import RigidTransform
 from fvs_engine.plan import plan_records as engine_records
 from fvs_service.concurrency import ConcurrencyLimit
 from fvs_service.errors import InvalidRequestError
+from fvs_service.events.model import EventKind
+from fvs_service.events.repository import publish
+from fvs_service.ids import new_id
+from fvs_service.model import Page, now
+from fvs_service.plans import repository
 from fvs_service.plans.in_world import via
-from fvs_service.plans.model import CandidateTerms, Expectation, Plan, PlanRequest, Stop, Tour
+from fvs_service.plans.model import CandidateTerms, Expectation, Plan, PlanList, PlanRequest, Stop, Tour
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings.in_model import clearance, views_in_volume
-from fvs_service.rankings.model import InVolume, Orbit, wanted_of
+from fvs_service.rankings.model import InVolume, wanted_of
 from fvs_service.rankings.port import PlannedFlight, PlanViews, SceneRunners, UpdateQuality
 from fvs_service.rankings.pose_frames import in_world, poses_in
 from fvs_service.rankings.preparation import TakenPoses, taken_cameras
@@ -26,7 +31,8 @@ from fvs_service.scenes.repository import SceneHead, scene_head_of
 from fvs_service.settings import Limits
 from fvs_service.snapshots.model import Snapshot
 from fvs_service.snapshots.repository import first_snapshots
-from fvs_service.storage.database import Database
+from fvs_service.storage.database import Database, Reader
+from fvs_service.storage.idempotency import IdempotencyKey
 
 _MOST_UPDATES = 50
 """The first snapshots of a scene that calibrate the forecast."""
@@ -41,6 +47,7 @@ class _Prepared:
     """The validated input of a plan, which the runner then computes."""
 
     request: PlanRequest
+    remembered: IdempotencyKey
     scene: SceneHead
     snapshot: Snapshot
     frame: WorldFrame
@@ -52,7 +59,10 @@ class _Prepared:
 
 
 class Plans:
-    """Plans flights through candidates."""
+    """Plans flights through candidates.
+
+    Plans are kept: ``require_room`` raises ``OutOfSpaceError`` when there is no room for another one.
+    """
 
     def __init__(
         self,
@@ -61,30 +71,61 @@ class Plans:
         runners: SceneRunners,
         limits: Limits,
         taken_poses: TakenPoses,
+        require_room: Callable[[], object] = lambda: None,
     ) -> None:
         self._taken_poses = taken_poses
+        self._require_room = require_room
         self._database = database
         self._frames = frames
         self._runners = runners
         self._limit = ConcurrencyLimit("rankings", limits.rankings_at_once_per_tenant)
 
-    async def create(self, principal: Principal, scene_id: str, read: ReadRequest, timeout_s: float) -> Plan:
+    async def create(
+        self,
+        principal: Principal,
+        scene_id: str,
+        read: ReadRequest,
+        timeout_s: float,
+        key: str | None = None,
+    ) -> Plan:
         """Plan with the newest model of a scene, or with one of its snapshots.
 
         Cancelling it gives up waiting. Raises ``InvalidRequestError`` for what cannot be flown, and
         ``DeadlineError`` when it takes longer than ``timeout_s``.
         """
         with self._limit.slot(principal.tenant_id):
-            prepared = await run_sync(self._prepare, principal, scene_id, read, timeout_s)
+            prepared = await run_sync(self._prepare, principal, scene_id, read, timeout_s, key)
+            if isinstance(prepared, Plan):
+                return prepared
             flight = await self._runners.plan(prepared.model_request)
-            return await run_sync(_answer, prepared, flight)
+            return await run_sync(self._finish, principal, prepared, flight)
 
-    def _prepare(self, principal: Principal, scene_id: str, read: ReadRequest, timeout_s: float) -> _Prepared:
-        """Prepare the request to the runner."""
+    def get(self, principal: Principal, plan_id: str) -> Plan:
+        """One plan; raises ``NotFoundError``."""
+        principal.require(Scope.READ, principal.scene_id)
+        with self._database.querying() as reader:
+            return repository.plan_of(reader, principal, plan_id)
+
+    def of_scene(self, principal: Principal, scene_id: str, page: Page) -> PlanList:
+        """The plans of a scene, the newest first; refuses a cursor of another list."""
+        principal.require(Scope.READ, scene_id)
+        with self._database.reading() as session:
+            scene_head_of(session, principal, scene_id)
+            return repository.plans_of_scene(session, scene_id, page)
+
+    def _prepare(
+        self, principal: Principal, scene_id: str, read: ReadRequest, timeout_s: float, key: str | None
+    ) -> _Prepared | Plan:
+        """The request to the runner, or the plan that was made with the same idempotency key."""
         principal.require(Scope.OPERATE, scene_id)
         with self._database.querying() as reader:
             scene = scene_head_of(reader, principal, scene_id)
             request = read()
+            remembered = IdempotencyKey(principal.tenant_id, key, f"plans.create {scene_id}", request)
+            earlier = _earlier(reader, principal, remembered)
+            if earlier is not None:
+                return earlier
+            request = request.complete
             endpoint = find_endpoint(reader, scene_id)
             taken_poses = self._taken_poses(reader, scene_id, request.for_vehicle)
         snapshot = self._frames.snapshot(principal, scene, request.snapshot_id)
@@ -92,8 +133,7 @@ class Plans:
         geometry = self._frames.geometry(snapshot.id)
         cameras = self._frames.cameras(snapshot.id)
         generator = request.generator
-        if generator is None and request.candidates is None:
-            generator = Orbit(kind="orbit")
+        self._require_room()
         camera = cameras.camera.pinhole
         taken = taken_cameras(frame, taken_poses)
         left: Mapping[str, RigidTransform] = {}
@@ -136,8 +176,32 @@ class Plans:
             updates=self._updates(scene_id),
         )
         return _Prepared(
-            request, scene, snapshot, frame, left, photographed, tuple(served), images, model_request
+            request,
+            remembered,
+            scene,
+            snapshot,
+            frame,
+            left,
+            photographed,
+            tuple(served),
+            images,
+            model_request,
         )
+
+    def _finish(self, principal: Principal, prepared: _Prepared, flight: PlannedFlight) -> Plan:
+        """Keep the plan that the runner's flight makes."""
+        plan = _plan(prepared, flight)
+        # A plan that a power cut undoes can be requested again, as a ranking.
+        with self._database.writing(principal.tenant_id, plan.scene_id, durable=False) as session:
+            scene_head_of(session, principal, plan.scene_id)  # it may have been deleted meanwhile
+            earlier = _earlier(session, principal, prepared.remembered)
+            if earlier is not None:  # the same request, sent twice at once
+                return earlier
+            repository.add_plan(session, plan)
+            prepared.remembered.remember(session, plan.id)
+            data = {"plan_id": plan.id, "snapshot_id": plan.snapshot_id}
+            publish(session, plan.scene_id, EventKind.PLAN_CREATED, data)
+        return plan
 
     def _updates(self, scene_id: str) -> tuple[UpdateQuality, ...]:
         """The images that each snapshot of a scene added, and the quality that it measured on them."""
@@ -153,7 +217,12 @@ class Plans:
         return tuple(found)
 
 
-def _answer(prepared: _Prepared, flight: PlannedFlight) -> Plan:
+def _earlier(reader: Reader, principal: Principal, key: IdempotencyKey) -> Plan | None:
+    """The plan that an earlier request with the same idempotency key made."""
+    return key.resource(reader, lambda made: repository.plan_of(reader, principal, made))
+
+
+def _plan(prepared: _Prepared, flight: PlannedFlight) -> Plan:
     """The engine's plan, with poses and lengths of the world frame."""
     request, frame, snapshot, plan = prepared.request, prepared.frame, prepared.snapshot, flight.plan
     scale = frame.world_from_model.scale
@@ -184,8 +253,10 @@ def _answer(prepared: _Prepared, flight: PlannedFlight) -> Plan:
         for number, tour in enumerate(plan.tours)
     )
     return Plan(
+        id=new_id("pln"),
         scene_id=prepared.scene.id,
         snapshot_id=snapshot.id,
+        request=request,
         summary=plan.sentence("m" if frame.aligned else "units", scale),
         now=Expectation.of(plan.now),
         end=Expectation.of(plan.end),
@@ -203,6 +274,7 @@ def _answer(prepared: _Prepared, flight: PlannedFlight) -> Plan:
             made=len(flight.generated),
             of_plan=plan.warnings,
         ),
+        created_at=now(),
     )
 
 

@@ -9,7 +9,7 @@ from fvs_engine import candidates as engine
 from fvs_engine.candidates import CandidateStatus
 from fvs_engine.choices import Method
 from fvs_engine.plan.volumes import Volume
-from fvs_service.model import WHOLE, Count, Model, Number, Timestamp, of_fields, within
+from fvs_service.model import WHOLE, Count, Listing, Model, Number, Timestamp, of_fields, within
 from fvs_service.quantities import MAX_COORDINATE_M, Coordinate, Length, Vector
 from fvs_service.rankings.warnings import RankingWarning
 from fvs_service.scenes.model import Alignment, Origin
@@ -331,6 +331,31 @@ class Ranking(Model):
     def document(self) -> bytes:
         """The ranking as JSON, made once for the database and the client."""
         return self.model_dump_json().encode()
+
+
+class RankingSummary(Model):
+    """What a list tells of a ranking."""
+
+    id: str
+    """The ranking's id."""
+    scene_id: str
+    """The scene."""
+    snapshot_id: str
+    """The snapshot that scored."""
+    method: str
+    """How candidates were scored."""
+    generator: str | None
+    """The kind of the generator that made the candidates; null when they were listed."""
+    total: Count
+    """The number of candidates before `top_k`."""
+    best: str | None
+    """The id of the candidate that should be photographed first; null when none was ranked."""
+    created_at: Timestamp
+    """When it was made."""
+
+
+class RankingList(Listing[RankingSummary]):
+    """Rankings of a scene, the newest first."""
 
 
 class RankingPart(Model):

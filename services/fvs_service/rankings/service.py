@@ -13,13 +13,14 @@ from fvs_service.errors import NotFoundError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
-from fvs_service.model import now
+from fvs_service.model import Page, now
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings import repository
 from fvs_service.rankings.model import (
     InVolume,
     RankedCandidate,
     Ranking,
+    RankingList,
     RankingPart,
     RankingRequest,
     ScoredCandidate,
@@ -124,6 +125,13 @@ class Rankings:
         principal.require(Scope.READ, principal.scene_id)
         with self._database.reading() as session:
             return repository.ranking_of(session, principal, ranking_id)
+
+    def of_scene(self, principal: Principal, scene_id: str, page: Page) -> RankingList:
+        """The rankings of a scene, the newest first; refuses a cursor of another list."""
+        principal.require(Scope.READ, scene_id)
+        with self._database.reading() as session:
+            scene_head_of(session, principal, scene_id)
+            return repository.rankings_of_scene(session, scene_id, page)
 
     async def render(
         self, principal: Principal, ranking_id: str, candidate_id: str, image: ViewImage, timeout_s: float

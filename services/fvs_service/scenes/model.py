@@ -114,7 +114,7 @@ class Policy(Model):
 
 
 class Retention(Model):
-    """How long snapshots and rankings are kept; null means the service's setting.
+    """How long snapshots, rankings and plans are kept; null means the service's setting.
 
     A scene's current snapshot, its newest of each kind, and pinned ones always stay.
     """
@@ -127,6 +127,10 @@ class Retention(Model):
     """Number of newest rankings to keep."""
     ranking_days: Days | None = None
     """Maximum age of rankings."""
+    plans: Annotated[int, Field(strict=True, ge=1, le=1_000_000), WHOLE] | None = None
+    """Number of newest plans to keep."""
+    plan_days: Days | None = None
+    """Maximum age of plans."""
 
 
 class SceneRequest(Model):

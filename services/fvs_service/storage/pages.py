@@ -10,9 +10,9 @@ import hashlib
 import re
 import struct
 from collections.abc import Callable, Sequence
-from typing import NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
-from sqlalchemy import Select
+from sqlalchemy import Row, Select
 from sqlalchemy.orm import Session
 
 from fvs_service.errors import FieldError, InvalidRequestError
@@ -74,11 +74,23 @@ def newest_first(
     session: Session, query: Select[RowT], kind: type[RowT], page: Page, cursors: Cursors
 ) -> tuple[Sequence[RowT], str | None]:
     """The rows of a page of ``query``, and the cursor of the next one; raises ``InvalidRequestError``."""
+    rows = session.scalars(_ordered(query, kind, page, cursors)).all()
+    return cut(rows, page.limit, lambda row: cursors.write(Place(row.recorded_at_ms, row.id)))
+
+
+def newest_columns(
+    session: Session, query: Select[Any], kind: type[Recorded], page: Page, cursors: Cursors
+) -> tuple[Sequence[Row[Any]], str | None]:
+    """As ``newest_first``, of a query for columns, among them ``id`` and ``recorded_at_ms``."""
+    rows = session.execute(_ordered(query, kind, page, cursors)).all()
+    return cut(rows, page.limit, lambda row: cursors.write(Place(row.recorded_at_ms, row.id)))
+
+
+def _ordered(query: Select[Any], kind: type[Recorded], page: Page, cursors: Cursors) -> Select[Any]:
     last = cursors.read(page.after)
     if last is not None:
         query = query.where(kind.in_order() < last)
-    rows = session.scalars(query.order_by(*kind.newest_first()).limit(page.limit + 1)).all()
-    return cut(rows, page.limit, lambda row: cursors.write(Place(row.recorded_at_ms, row.id)))
+    return query.order_by(*kind.newest_first()).limit(page.limit + 1)
 
 
 def _invalid() -> InvalidRequestError:

@@ -287,6 +287,17 @@ class RankingRow(Recorded, Table):
     created_at: Mapped[datetime]
 
 
+class PlanRow(Recorded, Table):
+    """An immutable plan; it can outlive its snapshot."""
+
+    __tablename__ = "plans"
+
+    scene_id: Mapped[str] = mapped_column(ForeignKey("scenes.id"), index=True)
+    snapshot_id: Mapped[str] = mapped_column(String(40))
+    document: Mapped[dict[str, Any]]
+    created_at: Mapped[datetime]
+
+
 class VisitRow(Table):
     """What a vehicle does about a view, until it expires; ``pose`` is as the vehicle gave it.
 

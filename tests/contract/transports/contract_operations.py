@@ -20,7 +20,7 @@ from fvs_service.gateway.capabilities import capabilities_of
 from fvs_service.gateway.rest.bodies import parse as parse_body
 from fvs_service.images.model import DigestCheck
 from fvs_service.jobs.model import JobPage, JobRequest
-from fvs_service.missions.model import MissionOptions, MissionRequest
+from fvs_service.missions.model import MissionOptions, MissionRequest, PlanMissionOptions
 from fvs_service.model import Page
 from fvs_service.plans.model import PlanRequest
 from fvs_service.principal import Principal
@@ -66,10 +66,9 @@ class Call:
     def __getattr__(self, name: str) -> Any:
         return self.given.get(name)
 
-    @property
-    def options(self) -> Any:
-        given = {name: self.given[name] for name in MissionOptions.model_fields if name in self.given}
-        return parse_body(MissionOptions, orjson.dumps(given), Limits())
+    def options_of(self, kind: type[MissionOptions] = MissionOptions) -> Any:
+        given = {name: self.given[name] for name in kind.model_fields if name in self.given}
+        return parse_body(kind, orjson.dumps(given), Limits())
 
     def page(self, kind: type[Page] = Page) -> Any:
         asked = {name: self.given[name] for name in kind.model_fields if name in self.given}
@@ -81,11 +80,15 @@ def _render(app: Application, caller: Principal, call: Call) -> Any:
 
 
 def _ranking_mission(app: Application, caller: Principal, call: Call) -> Any:
-    return app.missions.of_ranking(caller, call.ranking_id, call.options).content
+    return app.missions.of_ranking(caller, call.ranking_id, call.options_of()).content
+
+
+def _plan_mission(app: Application, caller: Principal, call: Call) -> Any:
+    return app.missions.of_plan(caller, call.plan_id, call.options_of(PlanMissionOptions)).content
 
 
 def _mission(app: Application, caller: Principal, call: Call) -> Any:
-    return app.missions.of_views(caller, call.scene_id, lambda: call.body, call.options).content
+    return app.missions.of_views(caller, call.scene_id, lambda: call.body, call.options_of()).content
 
 
 OPERATIONS: dict[str, Operation] = {
@@ -203,9 +206,23 @@ OPERATIONS: dict[str, Operation] = {
     "PlanViews": Operation(
         "POST",
         "/v1/scenes/{scene_id}/plans",
-        lambda app, who, call: app.plans.create(who, call.scene_id, lambda: call.body, 60.0),
+        lambda app, who, call: app.plans.create(
+            who, call.scene_id, lambda: call.body, 60.0, call.idempotency_key
+        ),
         ("plan", PlanRequest),
     ),
+    "ListPlans": Operation(
+        "GET",
+        "/v1/scenes/{scene_id}/plans",
+        lambda app, who, call: app.plans.of_scene(who, call.scene_id, call.page()),
+    ),
+    "GetPlan": Operation(
+        "GET", "/v1/plans/{plan_id}", lambda app, who, call: app.plans.get(who, call.plan_id)
+    ),
+    "DeletePlan": Operation(
+        "DELETE", "/v1/plans/{plan_id}", lambda app, who, call: app.deletions.plan(who, call.plan_id)
+    ),
+    "GetPlanMission": Operation("GET", "/v1/plans/{plan_id}/mission", _plan_mission),
     "ReportVisits": Operation(
         "POST",
         "/v1/scenes/{scene_id}/visits",
@@ -241,6 +258,11 @@ OPERATIONS: dict[str, Operation] = {
     ),
     "GetRanking": Operation(
         "GET", "/v1/rankings/{ranking_id}", lambda app, who, call: app.rankings.get(who, call.ranking_id)
+    ),
+    "ListRankings": Operation(
+        "GET",
+        "/v1/scenes/{scene_id}/rankings",
+        lambda app, who, call: app.rankings.of_scene(who, call.scene_id, call.page()),
     ),
     "DeleteRanking": Operation(
         "DELETE",

@@ -8,6 +8,7 @@ import httpx2
 
 from fvs_client import requests
 from fvs_client._async.jobs import AsyncJobs
+from fvs_client._async.plans import AsyncPlans
 from fvs_client._async.rankings import AsyncRankings
 from fvs_client._async.scenes import AsyncScenes
 from fvs_client._async.session import AsyncSession
@@ -49,6 +50,7 @@ class AsyncClient:
         self.jobs = AsyncJobs(self._session)
         self.snapshots = AsyncSnapshots(self._session)
         self.rankings = AsyncRankings(self._session)
+        self.plans = AsyncPlans(self._session)
         self.webhooks = AsyncWebhooks(self._session)
 
     def __repr__(self) -> str:

@@ -1,7 +1,7 @@
 """Rankings: get them, and the renders of their candidates."""
 
 import time
-from collections.abc import Callable
+from collections.abc import AsyncIterator, Callable
 from typing import Unpack
 
 import httpx2
@@ -14,7 +14,7 @@ from fvs_client.errors import ConnectionFailedError, FvsError
 from fvs_client.models.base import Answer
 from fvs_client.models.missions import MissionFile, MissionFormat, MissionSettings, mission_options
 from fvs_client.models.pictures import Png
-from fvs_client.models.rankings import RankedCandidate, RankingData, ScoredCandidate
+from fvs_client.models.rankings import RankedCandidate, RankingData, RankingSummary, ScoredCandidate
 from fvs_client.requests import Request
 
 
@@ -55,6 +55,17 @@ class AsyncRankings:
     async def get(self, ranking_id: str) -> AsyncRanking:
         """Get a ranking."""
         return await self._session.fetch(AsyncRanking, requests.get_ranking(ranking_id))
+
+
+class AsyncSceneRankings:
+    """The rankings of a scene."""
+
+    def __init__(self, session: AsyncSession, scene_id: str) -> None:
+        self._session, self._scene_id = session, scene_id
+
+    def list(self) -> AsyncIterator[RankingSummary]:
+        """All rankings, newest first."""
+        return self._session.items(RankingSummary, requests.rankings_of(self._scene_id))
 
 
 class _AsyncPart(Answer):

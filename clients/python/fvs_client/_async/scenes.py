@@ -7,7 +7,8 @@ from fvs_client import requests
 from fvs_client._async.events import follow
 from fvs_client._async.images import AsyncSceneImages
 from fvs_client._async.jobs import AsyncJob, AsyncSceneJobs
-from fvs_client._async.rankings import AsyncRanking, stream_ranking
+from fvs_client._async.plans import AsyncPlan, AsyncScenePlans
+from fvs_client._async.rankings import AsyncRanking, AsyncSceneRankings, stream_ranking
 from fvs_client._async.session import AsyncResource, AsyncSession
 from fvs_client._async.snapshots import AsyncSceneSnapshots
 from fvs_client._async.webhooks import AsyncSceneWebhooks
@@ -22,12 +23,13 @@ from fvs_client.models.missions import (
     MissionView,
     mission_options,
 )
-from fvs_client.models.plans import Plan, PlanRequest, Tour
+from fvs_client.models.plans import PlanRequest, Stop, Tour
 from fvs_client.models.rankings import (
     Candidate,
     Generator,
     Pose,
     PoseFrame,
+    RankedCandidate,
     RankingMethod,
     RankingRequest,
     ScoredCandidate,
@@ -59,6 +61,16 @@ class AsyncScene(AsyncResource, SceneData):
     def jobs(self) -> AsyncSceneJobs:
         """The scene's jobs."""
         return AsyncSceneJobs(self._session, self.id)
+
+    @property
+    def rankings(self) -> AsyncSceneRankings:
+        """The scene's rankings."""
+        return AsyncSceneRankings(self._session, self.id)
+
+    @property
+    def plans(self) -> AsyncScenePlans:
+        """The scene's plans."""
+        return AsyncScenePlans(self._session, self.id)
 
     @property
     def snapshots(self) -> AsyncSceneSnapshots:
@@ -175,7 +187,8 @@ class AsyncScene(AsyncResource, SceneData):
         frame: PoseFrame | None = None,
         snapshot_id: str | None = None,
         timeout_s: float | None = None,
-    ) -> Plan:
+        idempotency_key: str | None = None,
+    ) -> AsyncPlan:
         """Plan which views to photograph next, in which order; answered at once, also while a job runs.
 
         Of the ``candidates``, given as for ``rank``, at most ``views``, within ``distance_m`` for each of
@@ -198,7 +211,8 @@ class AsyncScene(AsyncResource, SceneData):
             frame=frame,
             snapshot_id=snapshot_id,
         )
-        return await self._session.fetch(Plan, requests.create_plan(self.id, plan, timeout_s))
+        request = requests.create_plan(self.id, plan, idempotency_key, timeout_s)
+        return await self._session.fetch(AsyncPlan, request)
 
     async def report_visits(
         self,
@@ -224,13 +238,13 @@ class AsyncScene(AsyncResource, SceneData):
 
     async def mission(
         self,
-        views: Tour | Mapping[str, Pose] | Iterable[Candidate],
+        views: Tour | Mapping[str, Pose] | Iterable[Candidate | RankedCandidate | Stop],
         format: MissionFormat | str,  # noqa: A002
         *,
         snapshot_id: str | None = None,
         **settings: Unpack[MissionSettings],
     ) -> MissionFile:
-        """Get views, such as a tour of a plan, as a mission for an autopilot or a ground station.
+        """Get views, such as stops of plans or candidates of rankings, as a mission.
 
         ``snapshot_id`` is the one whose alignment relates poses of the model frame to the world, by default
         the newest. Raises ``InvalidRequestError`` when the scene is not georeferenced, or a view cannot be
@@ -249,21 +263,31 @@ class AsyncScene(AsyncResource, SceneData):
 
 
 def _mission(
-    views: Tour | Mapping[str, Pose] | Iterable[Candidate], snapshot_id: str | None
+    views: Tour | Mapping[str, Pose] | Iterable[Candidate | RankedCandidate | Stop],
+    snapshot_id: str | None,
 ) -> MissionRequest:
+    listed: Iterable[Candidate | RankedCandidate | Stop]
     if isinstance(views, Tour):
-        stops = tuple(MissionView(id=stop.id, pose=stop.pose, via=stop.via) for stop in views.stops)
-        return MissionRequest(views=stops, via_home=views.via_home, snapshot_id=snapshot_id)
-    given = tuple(MissionView(id=item.id, pose=item.pose) for item in _candidates(views) or ())
-    return MissionRequest(views=given, snapshot_id=snapshot_id)
+        listed, via_home = views.stops, views.via_home
+    else:
+        listed, via_home = _listed(views) if isinstance(views, Mapping) else views, ()
+    given = (
+        MissionView(id=item.id, pose=item.pose, via=item.via if isinstance(item, Stop) else ())
+        for item in listed
+    )
+    return MissionRequest(views=tuple(given), via_home=via_home, snapshot_id=snapshot_id)
 
 
 def _candidates(
     given: Mapping[str, Pose] | Iterable[Candidate] | None,
 ) -> tuple[Candidate, ...] | None:
     if isinstance(given, Mapping):
-        return tuple(Candidate(id=name, pose=pose) for name, pose in given.items())
+        return _listed(given)
     return None if given is None else tuple(given)
+
+
+def _listed(poses: Mapping[str, Pose]) -> tuple[Candidate, ...]:
+    return tuple(Candidate(id=name, pose=pose) for name, pose in poses.items())
 
 
 class AsyncScenes:

@@ -9,6 +9,7 @@ import httpx2
 
 from fvs_client import requests
 from fvs_client._sync.jobs import Jobs
+from fvs_client._sync.plans import Plans
 from fvs_client._sync.rankings import Rankings
 from fvs_client._sync.scenes import Scenes
 from fvs_client._sync.session import Session
@@ -50,6 +51,7 @@ class Client:
         self.jobs = Jobs(self._session)
         self.snapshots = Snapshots(self._session)
         self.rankings = Rankings(self._session)
+        self.plans = Plans(self._session)
         self.webhooks = Webhooks(self._session)
 
     def __repr__(self) -> str:

@@ -2,7 +2,7 @@
 """Rankings: get them, and the renders of their candidates."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from typing import Unpack
 
 import httpx2
@@ -15,7 +15,7 @@ from fvs_client.errors import ConnectionFailedError, FvsError
 from fvs_client.models.base import Answer
 from fvs_client.models.missions import MissionFile, MissionFormat, MissionSettings, mission_options
 from fvs_client.models.pictures import Png
-from fvs_client.models.rankings import RankedCandidate, RankingData, ScoredCandidate
+from fvs_client.models.rankings import RankedCandidate, RankingData, RankingSummary, ScoredCandidate
 from fvs_client.requests import Request
 
 
@@ -56,6 +56,17 @@ class Rankings:
     def get(self, ranking_id: str) -> Ranking:
         """Get a ranking."""
         return self._session.fetch(Ranking, requests.get_ranking(ranking_id))
+
+
+class SceneRankings:
+    """The rankings of a scene."""
+
+    def __init__(self, session: Session, scene_id: str) -> None:
+        self._session, self._scene_id = session, scene_id
+
+    def list(self) -> Iterator[RankingSummary]:
+        """All rankings, newest first."""
+        return self._session.items(RankingSummary, requests.rankings_of(self._scene_id))
 
 
 class _Part(Answer):

@@ -8,7 +8,8 @@ from fvs_client import requests
 from fvs_client._sync.events import follow
 from fvs_client._sync.images import SceneImages
 from fvs_client._sync.jobs import Job, SceneJobs
-from fvs_client._sync.rankings import Ranking, stream_ranking
+from fvs_client._sync.plans import Plan, ScenePlans
+from fvs_client._sync.rankings import Ranking, SceneRankings, stream_ranking
 from fvs_client._sync.session import Resource, Session
 from fvs_client._sync.snapshots import SceneSnapshots
 from fvs_client._sync.webhooks import SceneWebhooks
@@ -23,12 +24,13 @@ from fvs_client.models.missions import (
     MissionView,
     mission_options,
 )
-from fvs_client.models.plans import Plan, PlanRequest, Tour
+from fvs_client.models.plans import PlanRequest, Stop, Tour
 from fvs_client.models.rankings import (
     Candidate,
     Generator,
     Pose,
     PoseFrame,
+    RankedCandidate,
     RankingMethod,
     RankingRequest,
     ScoredCandidate,
@@ -60,6 +62,16 @@ class Scene(Resource, SceneData):
     def jobs(self) -> SceneJobs:
         """The scene's jobs."""
         return SceneJobs(self._session, self.id)
+
+    @property
+    def rankings(self) -> SceneRankings:
+        """The scene's rankings."""
+        return SceneRankings(self._session, self.id)
+
+    @property
+    def plans(self) -> ScenePlans:
+        """The scene's plans."""
+        return ScenePlans(self._session, self.id)
 
     @property
     def snapshots(self) -> SceneSnapshots:
@@ -176,6 +188,7 @@ class Scene(Resource, SceneData):
         frame: PoseFrame | None = None,
         snapshot_id: str | None = None,
         timeout_s: float | None = None,
+        idempotency_key: str | None = None,
     ) -> Plan:
         """Plan which views to photograph next, in which order; answered at once, also while a job runs.
 
@@ -199,7 +212,8 @@ class Scene(Resource, SceneData):
             frame=frame,
             snapshot_id=snapshot_id,
         )
-        return self._session.fetch(Plan, requests.create_plan(self.id, plan, timeout_s))
+        request = requests.create_plan(self.id, plan, idempotency_key, timeout_s)
+        return self._session.fetch(Plan, request)
 
     def report_visits(
         self,
@@ -225,13 +239,13 @@ class Scene(Resource, SceneData):
 
     def mission(
         self,
-        views: Tour | Mapping[str, Pose] | Iterable[Candidate],
+        views: Tour | Mapping[str, Pose] | Iterable[Candidate | RankedCandidate | Stop],
         format: MissionFormat | str,  # noqa: A002
         *,
         snapshot_id: str | None = None,
         **settings: Unpack[MissionSettings],
     ) -> MissionFile:
-        """Get views, such as a tour of a plan, as a mission for an autopilot or a ground station.
+        """Get views, such as stops of plans or candidates of rankings, as a mission.
 
         ``snapshot_id`` is the one whose alignment relates poses of the model frame to the world, by default
         the newest. Raises ``InvalidRequestError`` when the scene is not georeferenced, or a view cannot be
@@ -250,21 +264,31 @@ class Scene(Resource, SceneData):
 
 
 def _mission(
-    views: Tour | Mapping[str, Pose] | Iterable[Candidate], snapshot_id: str | None
+    views: Tour | Mapping[str, Pose] | Iterable[Candidate | RankedCandidate | Stop],
+    snapshot_id: str | None,
 ) -> MissionRequest:
+    listed: Iterable[Candidate | RankedCandidate | Stop]
     if isinstance(views, Tour):
-        stops = tuple(MissionView(id=stop.id, pose=stop.pose, via=stop.via) for stop in views.stops)
-        return MissionRequest(views=stops, via_home=views.via_home, snapshot_id=snapshot_id)
-    given = tuple(MissionView(id=item.id, pose=item.pose) for item in _candidates(views) or ())
-    return MissionRequest(views=given, snapshot_id=snapshot_id)
+        listed, via_home = views.stops, views.via_home
+    else:
+        listed, via_home = _listed(views) if isinstance(views, Mapping) else views, ()
+    given = (
+        MissionView(id=item.id, pose=item.pose, via=item.via if isinstance(item, Stop) else ())
+        for item in listed
+    )
+    return MissionRequest(views=tuple(given), via_home=via_home, snapshot_id=snapshot_id)
 
 
 def _candidates(
     given: Mapping[str, Pose] | Iterable[Candidate] | None,
 ) -> tuple[Candidate, ...] | None:
     if isinstance(given, Mapping):
-        return tuple(Candidate(id=name, pose=pose) for name, pose in given.items())
+        return _listed(given)
     return None if given is None else tuple(given)
+
+
+def _listed(poses: Mapping[str, Pose]) -> tuple[Candidate, ...]:
+    return tuple(Candidate(id=name, pose=pose) for name, pose in poses.items())
 
 
 class Scenes:

@@ -41,6 +41,7 @@ app.command("mission")(missions.mission)
 app.command("download")(snapshots.download)
 app.add_typer(snapshots.snapshots, name="snapshots")
 app.add_typer(rankings.rankings, name="rankings")
+app.add_typer(plans.plans, name="plans")
 app.add_typer(jobs.jobs, name="jobs")
 app.add_typer(webhooks.webhooks, name="webhooks")
 

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import pydantic
 import typer
 
-from fvs_client import AltitudeDatum, Autopilot, Client, Drone, Finish, MissionFile, MissionFormat, Plan
+from fvs_client import AltitudeDatum, Autopilot, Client, Drone, Finish, MissionFile, MissionFormat
 from fvs_client.cli.flight_options import (
     GeofenceOption,
     HighestOption,
@@ -21,8 +21,9 @@ from fvs_client.cli.options import JsonOption, within
 from fvs_client.cli.output import print_json
 from fvs_client.cli.session import service
 from fvs_client.models.mistakes import mistakes
+from fvs_client.models.plans import PlanData
 
-_RANKING = "rnk_"
+_RANKING, _PLAN = "rnk_", "pln_"
 _PLANS = "`fvs-client plan --json` writes plans."
 _HOMES = "LAT,LON or LAT,LON,ALT"
 
@@ -31,7 +32,9 @@ def mission(
     context: typer.Context,
     what: Annotated[
         str,
-        typer.Argument(metavar="RANKING|PLAN", help="A ranking's id, or a file of `fvs-client plan --json`."),
+        typer.Argument(
+            metavar="RANKING|PLAN", help="A ranking's or plan's id, or a file of `fvs-client plan --json`."
+        ),
     ],
     format: Annotated[  # noqa: A002
         MissionFormat, typer.Option("--format", "-f", help="What the mission is written for.")
@@ -129,10 +132,12 @@ def mission(
         "drone": drone,
     }
     given = {name: value for name, value in settings.items() if value is not None}
-    plan = None if what.startswith(_RANKING) else _plan(Path(what))
+    plan = None if what.startswith((_RANKING, _PLAN)) else _plan(Path(what))
     with service(context, as_json=as_json) as client:
-        if plan is None:
+        if what.startswith(_RANKING):
             file = client.rankings.get(what).mission(format, **given)
+        elif plan is None:
+            file = client.plans.get(what).mission(format, vehicle=vehicle, **given)
         else:
             file = _of_plan(client, plan, vehicle, format, given)
         path = file.save(out)
@@ -154,7 +159,7 @@ def mission(
 
 def _of_plan(
     client: Client,
-    plan: Plan,
+    plan: PlanData,
     vehicle: int,
     wanted: MissionFormat,
     settings: dict[str, Any],
@@ -168,15 +173,17 @@ def _of_plan(
     return scene.mission(plan.tours[vehicle], wanted, snapshot_id=plan.snapshot_id, **settings)
 
 
-def _plan(path: Path) -> Plan:
+def _plan(path: Path) -> PlanData:
     try:
         document = json.loads(path.read_bytes())
     except OSError as error:
-        raise typer.BadParameter(f"{path} is no ranking's id, and no file: {error.strerror}.") from error
+        raise typer.BadParameter(
+            f"{path} is no id of a ranking or plan, and no file: {error.strerror}."
+        ) from error
     except ValueError as error:
         raise typer.BadParameter(f"{path}: It is no JSON: {error}. {_PLANS}") from error
     try:
-        return Plan.model_validate(document)
+        return PlanData.model_validate(document)
     except pydantic.ValidationError as error:
         raise typer.BadParameter(f"{path}: {mistakes(error, document)} {_PLANS}") from error
 

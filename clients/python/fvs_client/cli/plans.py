@@ -14,6 +14,7 @@ from fvs_client.cli.options import (
     NoFlyOption,
     SceneArgument,
     VolumeOption,
+    YesOption,
 )
 from fvs_client.cli.output import print_json, print_table
 from fvs_client.cli.poses import (
@@ -24,8 +25,12 @@ from fvs_client.cli.poses import (
     read_pose,
     read_volume,
 )
-from fvs_client.cli.session import find_scene, service
+from fvs_client.cli.session import confirm, find_scene, service
 from fvs_client.models.plans import plan_table
+
+plans = typer.Typer(help="List, show and delete plans.", no_args_is_help=True)
+
+_PlanArgument = Annotated[str, typer.Argument(metavar="PLAN", help="A plan's id.")]
 
 
 def plan(
@@ -118,9 +123,44 @@ def plan(
         _print(made)
 
 
+@plans.command("list")
+def list_all(context: typer.Context, scene: SceneArgument, as_json: JsonOption = False) -> None:
+    """List the plans of a scene, newest first."""
+    with service(context, as_json=as_json) as client:
+        found = list(find_scene(client, scene).plans.list())
+    if as_json:
+        print_json([item.model_dump(mode="json") for item in found])
+        return
+    print_table(
+        ("id", "plan", "snapshot", "created"),
+        [(item.id, item.summary, item.snapshot_id, item.created_at.strftime("%F %H:%M")) for item in found],
+    )
+
+
+@plans.command("show")
+def show(context: typer.Context, plan: _PlanArgument, as_json: JsonOption = False) -> None:
+    """Show a plan."""
+    with service(context, as_json=as_json) as client:
+        found = client.plans.get(plan)
+    if as_json:
+        print_json(found.model_dump(mode="json"))
+    else:
+        _print(found)
+
+
+@plans.command("delete")
+def delete(context: typer.Context, plan: _PlanArgument, yes: YesOption = False) -> None:
+    """Delete a plan."""
+    with service(context, as_json=False) as client:
+        found = client.plans.get(plan)
+        confirm(f"Permanently delete the plan {found.id}?", yes=yes)
+        found.delete()
+    typer.echo(f"{found.id} deleted")
+
+
 def _print(made: Plan) -> None:
     table = plan_table(made)
     print_table(table.headings, table.rows, right_aligned=table.right_aligned)
-    typer.echo(f"{made.summary} On {made.snapshot_id}.")
+    typer.echo(f"{made.summary} {made.id} on {made.snapshot_id}.")
     for warning in made.warnings:
         typer.echo(f"Warning: {warning.message} {warning.hint}", err=True)

@@ -30,7 +30,9 @@ from fvs_client.cli.progress import ranking_progress
 from fvs_client.cli.session import confirm, find_scene, service
 from fvs_client.models.rankings import made_by, ranking_table
 
-rankings = typer.Typer(help="Delete rankings.", no_args_is_help=True)
+rankings = typer.Typer(help="List, show and delete rankings.", no_args_is_help=True)
+
+_RankingArgument = Annotated[str, typer.Argument(metavar="RANKING", help="A ranking's id.")]
 
 
 def rank(
@@ -149,12 +151,45 @@ def rank(
             typer.echo(f"{len(ranking.candidates)} renders and spectra are in {renders}")
 
 
+@rankings.command("list")
+def list_all(context: typer.Context, scene: SceneArgument, as_json: JsonOption = False) -> None:
+    """List the rankings of a scene, newest first."""
+    with service(context, as_json=as_json) as client:
+        found = list(find_scene(client, scene).rankings.list())
+    if as_json:
+        print_json([item.model_dump(mode="json") for item in found])
+        return
+    print_table(
+        ("id", "method", "generator", "candidates", "best", "snapshot", "created"),
+        [
+            (
+                item.id,
+                item.method,
+                item.generator or "",
+                str(item.total),
+                item.best or "",
+                item.snapshot_id,
+                item.created_at.strftime("%F %H:%M"),
+            )
+            for item in found
+        ],
+        right_aligned=("candidates",),
+    )
+
+
+@rankings.command("show")
+def show(context: typer.Context, ranking: _RankingArgument, as_json: JsonOption = False) -> None:
+    """Show a ranking."""
+    with service(context, as_json=as_json) as client:
+        found = client.rankings.get(ranking)
+    if as_json:
+        print_json(found.model_dump(mode="json"))
+    else:
+        _print(found)
+
+
 @rankings.command("delete")
-def delete(
-    context: typer.Context,
-    ranking: Annotated[str, typer.Argument(metavar="RANKING", help="A ranking's id.")],
-    yes: YesOption = False,
-) -> None:
+def delete(context: typer.Context, ranking: _RankingArgument, yes: YesOption = False) -> None:
     """Delete a ranking with its renders."""
     with service(context, as_json=False) as client:
         found = client.rankings.get(ranking)

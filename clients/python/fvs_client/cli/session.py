@@ -61,7 +61,7 @@ def find_scene(client: Client, name: str) -> Scene:
 def require_free_name(client: Client, name: str) -> None:
     """Raise ``SceneNameError`` when a scene has this name: commands could not tell the two apart."""
     with suppress(ForbiddenError):  # a key that may not list scenes
-        taken = [scene.id for scene in client.scenes.list() if scene.name == name]
+        taken = [scene.id for scene in client.scenes.list(name=name)]
         if taken:
             raise SceneNameError(
                 f"There is a scene called {name!r} already.",

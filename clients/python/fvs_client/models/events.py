@@ -27,6 +27,8 @@ class EventKind(Word):
     SNAPSHOT_DELETED = "snapshot.deleted"
     RANKING_CREATED = "ranking.created"
     RANKING_DELETED = "ranking.deleted"
+    PLAN_CREATED = "plan.created"
+    PLAN_DELETED = "plan.deleted"
     EVENTS_DELETED = "events.deleted"
     """The service no longer has the requested events up to this number: read the scene again."""
 

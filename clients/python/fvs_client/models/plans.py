@@ -4,7 +4,7 @@ from collections.abc import Iterator, Mapping
 
 from pydantic import Field
 
-from fvs_client.models.base import Answer, Input, ReprArgs
+from fvs_client.models.base import Answer, Input, ReprArgs, Timestamp
 from fvs_client.models.poses import pose_text
 from fvs_client.models.rankings import Candidate, Generator, Pose, PoseFrame, RankingWarning
 from fvs_client.models.scenes import Alignment, Origin
@@ -94,11 +94,13 @@ class CandidateTerms(Answer):
     is in view, and beyond the first 100 candidates."""
 
 
-class Plan(Answer):
-    """A plan. It is not stored: planning again takes a fraction of a second."""
+class PlanData(Answer):
+    """An immutable plan, with the inputs to repeat it."""
 
+    id: str
     scene_id: str
     snapshot_id: str
+    request: PlanRequest
     summary: str
     """The plan in a sentence."""
     now: Expectation
@@ -115,6 +117,7 @@ class Plan(Answer):
     """The ENU origin that geodetic poses refer to; None in scenes that are not georeferenced."""
     warnings: tuple[RankingWarning, ...] = ()
     """Limits of the use of the plan."""
+    created_at: Timestamp
 
     @property
     def stops(self) -> tuple[Stop, ...]:
@@ -123,7 +126,7 @@ class Plan(Answer):
         return tuple(sorted(stops, key=lambda stop: stop.travel_m))
 
     def __repr_args__(self) -> ReprArgs:
-        yield from (("scene_id", self.scene_id), ("snapshot_id", self.snapshot_id))
+        yield from (("id", self.id), ("scene_id", self.scene_id), ("snapshot_id", self.snapshot_id))
         yield from (("stops", [stop.id for stop in self.stops]), ("summary", self.summary))
 
     def _repr_html_(self) -> str:
@@ -131,7 +134,18 @@ class Plan(Answer):
         return table_html(plan_table(self), f"Plan on {self.snapshot_id}", notes)
 
 
-def plan_table(plan: Plan) -> Table:
+class PlanSummary(Answer):
+    """What a list tells of a plan."""
+
+    id: str
+    scene_id: str
+    snapshot_id: str
+    summary: str
+    """The plan in a sentence."""
+    created_at: Timestamp
+
+
+def plan_table(plan: PlanData) -> Table:
     """The stops of a plan, as text, and where vehicles pass on the way."""
     chances = {terms.id: terms.chance for terms in plan.candidates}
     distance, travel = (plan.alignment.with_unit(what) for what in ("distance", "travel"))

@@ -189,6 +189,22 @@ class RankingWarning(Answer):
     hint: str
 
 
+class RankingSummary(Answer):
+    """What a list tells of a ranking."""
+
+    id: str
+    scene_id: str
+    snapshot_id: str
+    method: str
+    generator: str | None
+    """The kind of the generator that made the candidates; None when they were listed."""
+    total: int
+    """Number of candidates before `top_k`."""
+    best: str | None
+    """Id of the first candidate; None when none was ranked."""
+    created_at: Timestamp
+
+
 class RankingData(Answer):
     """An immutable ranking, with the inputs to repeat it."""
 

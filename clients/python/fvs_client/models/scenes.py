@@ -84,6 +84,9 @@ class Retention(Input):
     snapshot_days: float | None = None
     rankings: int | None = None
     ranking_days: float | None = None
+    plans: int | None = None
+    """Number of newest plans to keep."""
+    plan_days: float | None = None
 
 
 class SceneChange(Input):

@@ -20,6 +20,7 @@ HEALTH = ("GET", "/readyz")
 
 _SCENE, _IMAGE = "/v1/scenes/{scene_id}", "/v1/scenes/{scene_id}/images/{digest}"
 _SNAPSHOT, _RANKING = "/v1/snapshots/{snapshot_id}", "/v1/rankings/{ranking_id}"
+_PLAN = "/v1/plans/{plan_id}"
 _WEBHOOK = "/v1/webhooks/{webhook_id}"
 _TABLE = (
     ("GET", "/v1/capabilities", "CapabilityService.GetCapabilities"),
@@ -54,7 +55,12 @@ _TABLE = (
     ("POST", f"{_WEBHOOK}:enable", "WebhookService.EnableWebhook"),
     ("DELETE", _WEBHOOK, "WebhookService.DeleteWebhook"),
     ("POST", f"{_SCENE}/rankings", "ViewService.RankViews"),
+    ("GET", f"{_SCENE}/rankings", "ViewService.ListRankings"),
     ("POST", f"{_SCENE}/plans", "ViewService.PlanViews"),
+    ("GET", f"{_SCENE}/plans", "ViewService.ListPlans"),
+    ("GET", _PLAN, "ViewService.GetPlan"),
+    ("DELETE", _PLAN, "ViewService.DeletePlan"),
+    ("GET", f"{_PLAN}/mission", "ViewService.GetPlanMission"),
     ("POST", f"{_SCENE}/visits", "ViewService.ReportVisits"),
     ("GET", f"{_SCENE}/visits", "ViewService.ListVisits"),
     ("POST", f"{_SCENE}/missions", "ViewService.CreateMission"),

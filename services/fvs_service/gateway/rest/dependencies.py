@@ -138,6 +138,7 @@ SceneId = Annotated[str, _id("scn", "scene")]
 JobId = Annotated[str, _id("job", "job")]
 SnapshotId = Annotated[str, _id("snp", "snapshot")]
 RankingId = Annotated[str, _id("rnk", "ranking")]
+PlanId = Annotated[str, _id("pln", "plan")]
 WebhookId = Annotated[str, _id("whk", "webhook")]
 
 

@@ -7,10 +7,10 @@ from fastapi import Depends, Query, Response
 from starlette.concurrency import run_in_threadpool
 
 from fvs_service.gateway.rest.bodies import unread_json_body
-from fvs_service.gateway.rest.dependencies import App, Caller, RankingId, SceneId, to_read
+from fvs_service.gateway.rest.dependencies import App, Caller, PlanId, RankingId, SceneId, to_read
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.missions.formats.registry import WRITERS
-from fvs_service.missions.model import MissionFile, MissionOptions, MissionRequest
+from fvs_service.missions.model import MissionFile, MissionOptions, MissionRequest, PlanMissionOptions
 from fvs_service.missions.service import ReadRequest
 
 router = json_router("/v1", "missions")
@@ -37,6 +37,18 @@ def get_ranking_mission(
     return _response(app.missions.of_ranking(caller, ranking_id, options))
 
 
+@router.get(
+    "/plans/{plan_id}/mission",
+    response_class=Response,
+    responses=_FILES,  # type: ignore[arg-type]
+)
+def get_plan_mission(
+    app: App, caller: Caller, plan_id: PlanId, options: Annotated[PlanMissionOptions, Query()]
+) -> Response:
+    """Write the stops of one vehicle of a plan as a mission for an autopilot or a ground station."""
+    return _response(app.missions.of_plan(caller, plan_id, options))
+
+
 @router.post(
     "/scenes/{scene_id}/missions",
     response_class=Response,
@@ -49,7 +61,7 @@ async def create_mission(
     options: Annotated[MissionOptions, Query()],
     read: Annotated[ReadRequest, Depends(unread_json_body(MissionRequest, to_read))],
 ) -> Response:
-    """Write views, such as the stops of a plan, as a mission. It is not stored."""
+    """Write views, such as stops of plans or candidates of rankings, as a mission. It is not stored."""
     return _response(await run_in_threadpool(app.missions.of_views, caller, scene_id, read, options))
 
 

@@ -11,6 +11,7 @@ from fvs_service.gateway.rest.dependencies import (
     Caller,
     Counters,
     IdempotencyKey,
+    Paging,
     RankingId,
     SceneId,
     to_operate,
@@ -18,7 +19,7 @@ from fvs_service.gateway.rest.dependencies import (
 from fvs_service.gateway.rest.patience import TimeoutS, while_connected
 from fvs_service.gateway.rest.ranking_stream import MEDIA_TYPE, ranking_stream
 from fvs_service.gateway.rest.routing import json_router
-from fvs_service.rankings.model import Ranking, RankingRequest
+from fvs_service.rankings.model import Ranking, RankingList, RankingRequest
 from fvs_service.rankings.port import ViewImage
 from fvs_service.rankings.service import ReadRequest
 
@@ -72,6 +73,12 @@ async def rank_views(
         headers={"Location": f"/v1/rankings/{ranking.id}"},
         media_type="application/json",
     )
+
+
+@router.get("/scenes/{scene_id}/rankings")
+def list_rankings(app: App, caller: Caller, scene_id: SceneId, page: Paging) -> RankingList:
+    """List the rankings of a scene, without their candidates, the newest first."""
+    return app.rankings.of_scene(caller, scene_id, page)
 
 
 @router.get("/rankings/{ranking_id}")

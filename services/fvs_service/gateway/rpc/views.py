@@ -11,12 +11,12 @@ from google.protobuf.message import Message
 from fvs_service.application import Application
 from fvs_service.gateway.rpc.calls import Call
 from fvs_service.gateway.rpc.conversion import pick, read
-from fvs_service.gateway.rpc.requests import idempotency_key
-from fvs_service.missions.model import MissionFile, MissionOptions, MissionRequest
-from fvs_service.model import Model
-from fvs_service.plans.model import Plan, PlanRequest
+from fvs_service.gateway.rpc.requests import idempotency_key, page_of
+from fvs_service.missions.model import MissionFile, MissionOptions, MissionRequest, PlanMissionOptions
+from fvs_service.model import Model, Page
+from fvs_service.plans.model import Plan, PlanList, PlanRequest
 from fvs_service.principal import Principal, Scope
-from fvs_service.rankings.model import Ranking, RankingPart, RankingRequest
+from fvs_service.rankings.model import Ranking, RankingList, RankingPart, RankingRequest
 from fvs_service.rankings.port import ViewImage
 from fvs_service.visits.model import VisitList, VisitReport
 
@@ -67,6 +67,11 @@ class ViewServicer:
         """Return a ranking."""
         return self._app.rankings.get(caller, request.ranking_id)
 
+    def list_rankings(self, caller: Principal, request: pb.ListRankingsRequest) -> RankingList:
+        """List the rankings of a scene."""
+        page = page_of(Page, request, self._app.storage.settings.limits)
+        return self._app.rankings.of_scene(caller, request.scene_id, page)
+
     def delete_ranking(self, caller: Principal, request: pb.DeleteRankingRequest) -> None:
         """Delete a ranking."""
         self._app.deletions.ranking(caller, request.ranking_id)
@@ -86,7 +91,22 @@ class ViewServicer:
         """Plan which candidates to photograph next."""
         wanted = await self._unread(call, caller, request.scene_id, PlanRequest, request.plan)
         with call.gateway.metrics.rankings_open.track_inprogress():
-            return await self._app.plans.create(caller, request.scene_id, wanted, call.timeout_s())
+            return await self._app.plans.create(
+                caller, request.scene_id, wanted, call.timeout_s(), idempotency_key(request)
+            )
+
+    def list_plans(self, caller: Principal, request: pb.ListPlansRequest) -> PlanList:
+        """List the plans of a scene."""
+        page = page_of(Page, request, self._app.storage.settings.limits)
+        return self._app.plans.of_scene(caller, request.scene_id, page)
+
+    def get_plan(self, caller: Principal, request: pb.GetPlanRequest) -> Plan:
+        """Return a plan."""
+        return self._app.plans.get(caller, request.plan_id)
+
+    def delete_plan(self, caller: Principal, request: pb.DeletePlanRequest) -> None:
+        """Delete a plan."""
+        self._app.deletions.plan(caller, request.plan_id)
 
     def report_visits(self, caller: Principal, request: pb.ReportVisitsRequest) -> VisitList:
         """Report what a vehicle does about views."""
@@ -101,6 +121,11 @@ class ViewServicer:
         """Write the ranked candidates of a ranking as a mission."""
         options = pick(MissionOptions, request)
         return _mission(self._app.missions.of_ranking(caller, request.ranking_id, options))
+
+    def get_plan_mission(self, caller: Principal, request: pb.GetPlanMissionRequest) -> pb.MissionFile:
+        """Write the stops of one vehicle of a plan as a mission."""
+        options = pick(PlanMissionOptions, request)
+        return _mission(self._app.missions.of_plan(caller, request.plan_id, options))
 
     async def create_mission(
         self, call: Call, caller: Principal, request: pb.CreateMissionRequest
