@@ -91,7 +91,10 @@ class Limits(Record):
     per gateway. After that the key is on hold: its requests with a body are answered 429, until a minute
     after the first of them."""
     event_streams_per_tenant: _Few = 64
-    """Maximum number of concurrent event streams per tenant and gateway."""
+    """Maximum number of concurrent event streams, and of requests that wait for a job, per tenant and
+    gateway."""
+    job_wait_s: float = Field(default=30.0, ge=1e-3, le=86_400)
+    """Maximum time that a request waits for a change of a job (``wait_s``)."""
     candidates_per_ranking: int = Field(default=2_000, ge=1, le=100_000)
     """Maximum number of candidates per ranking."""
     page_items: int = Field(default=1_000, ge=1, le=100_000)

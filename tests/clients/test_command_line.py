@@ -71,7 +71,13 @@ def test_a_flight_is_planned(run: Run, gateway: Any, scene_id: str, tmp_path: Pa
     assert lines[0].split()[:5] == ["vehicle", "stop", "id", "distance", "travel"]
     assert [line.split()[:2] for line in lines[1:4]] == [["0", "1"], ["0", "2"], ["0", "3"]]
     assert lines[-1].startswith("3 more photographs, ")
-    assert lines[-1].endswith(f"On {snapshot_id}.")
+    assert lines[-1].endswith(f" on {snapshot_id}.")
+    (listed,) = json.loads(run("plans", "list", scene_id, "--json").stdout)
+    assert f" {listed['id']} on " in lines[-1]
+    assert listed["id"] in run("plans", "list", scene_id).stdout
+    assert run("plans", "show", listed["id"]).stdout.splitlines() == lines
+    run("plans", "delete", listed["id"], "--yes")
+    run("plans", "show", listed["id"], expect=6)
     pose = {"position": [0.0, -4.0, 0.5], "orientation_wxyz": [0.7071068, -0.7071068, 0.0, 0.0]}
     candidates, here, there = (tmp_path / name for name in ("candidates.json", "here.json", "there.json"))
     row = [{"id": f"c{x}", "pose": pose | {"position": [x, -4.0, 0.5]}} for x in (1.0, 2.0, 7.0)]
@@ -215,8 +221,10 @@ def test_jobs_are_queued_awaited_canceled_and_retried(run: Run, gateway: Any, sc
     assert "fvs-client update" in run("fine", scene_id, expect=3).stderr
     gateway.model(scene_id)
     listed = json.loads(run("jobs", "list", scene_id, "--json").stdout)
-    assert [item["state"] for item in listed] == ["canceled", "succeeded"]
-    done = run("jobs", "wait", listed[1]["id"])
+    assert [item["state"] for item in listed] == ["succeeded", "canceled"]
+    ended = json.loads(run("jobs", "list", scene_id, "--state", "canceled", "--json").stdout)
+    assert [item["id"] for item in ended] == [job["id"]]
+    done = run("jobs", "wait", listed[0]["id"])
     assert "6 images registered" in done.stdout
     assert "Updating the model: 100%" in done.stderr
 
@@ -305,7 +313,7 @@ def test_a_name_is_that_of_one_scene(run: Run, client: Client, tmp_path: Path) -
         assert lines[0] == f"Error: There is a scene called {name!r} already."
         assert scene_id in lines[1]
     run("scenes", "change", scene_id, "--name", name)
-    ids = [scene_id, client.scenes.create(name).id]
+    ids = [client.scenes.create(name).id, scene_id]
     for command in ("scenes show", "rank", "update", "images", "download"):
         lines = _said(run(*command.split(), name, expect=2))
         assert lines == [f"Error: 2 scenes are called {name!r}.", f"Give the id of one: {', '.join(ids)}."]
@@ -395,13 +403,17 @@ def test_scenes_of_one_name_are_told_apart_changed_and_deleted(
     made = [gateway.model(second) for _ in range(2)]
     run("snapshots", "pin", made[0])
     listed = run("snapshots", "list", second).stdout.splitlines()
-    assert listed[1].split()[-1] == "pinned"
-    assert listed[2].split()[-1] == "current"
+    assert listed[1].split()[-1] == "current"
+    assert listed[2].split()[-1] == "pinned"
     run("snapshots", "delete", made[0], "--yes", expect=3)
     run("snapshots", "unpin", made[0])
     run("snapshots", "delete", made[0], "--yes")
     run("snapshots", "delete", made[0], "--yes", expect=6)
     ranking = json.loads(run("rank", second, "--json").stdout)["id"]
+    assert [one["id"] for one in json.loads(run("rankings", "list", second, "--json").stdout)] == [ranking]
+    assert ranking in run("rankings", "list", second).stdout
+    assert json.loads(run("rankings", "show", ranking, "--json").stdout)["id"] == ranking
+    assert "median-frequency" in run("rankings", "show", ranking).stdout
     run("rankings", "delete", ranking, "--yes")
     assert "Nothing was deleted" in run("scenes", "delete", name, expect=2).output
     run("scenes", "delete", name, "--yes")

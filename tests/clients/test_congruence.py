@@ -105,7 +105,10 @@ def jobs(surface: Surface) -> Iterator[Any]:
     yield surface.attempt(job.retry)
     seen: list[Any] = []
     yield surface.attempt(job.wait, timeout_s=0.1, on_progress=seen.append)
+    yield do(job.refresh, wait_s=0.05)
+    yield surface.attempt(job.refresh, wait_s=-1.0)
     yield do(job.cancel)
+    yield do(job.refresh, wait_s=30.0)
     yield surface.attempt(job.wait, on_progress=seen.append)
     yield seen
     yield do(job.retry)

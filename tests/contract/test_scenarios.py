@@ -125,6 +125,8 @@ def test_jobs_are_queued_once_canceled_and_retried(compare: Compare) -> None:
         refused(tenant.call("CreateJob", {"kind": "update", "iterations": 5}, scene_id=scene), "conflict")
         refused(tenant.call("CreateJob", {"kind": "fine"}, scene_id=scene), "conflict")
         tenant.call("GetJob", job_id=job)
+        tenant.call("GetJob", job_id=job, wait_s=0.05)
+        refused(tenant.call("GetJob", job_id="job_none", wait_s=5.0), "not-found")
         assert tenant.call("CancelJob", job_id=job).result["state"] == "canceled"
         assert tenant.call("RetryJob", job_id=job).result["attempt"] == 2
         refused(tenant.call("RetryJob", job_id=job), "conflict")

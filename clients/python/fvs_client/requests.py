@@ -183,9 +183,12 @@ def jobs_of(scene_id: str) -> str:
     return f"/v1/scenes/{_part(scene_id)}/jobs"
 
 
-def get_job(job_id: str) -> Request:
-    """Get a job."""
-    return Request("GET", f"/v1/jobs/{_part(job_id)}")
+def get_job(job_id: str, wait_s: float = 0.0) -> Request:
+    """Get a job; the service waits for at most ``wait_s`` until its state has changed."""
+    path = f"/v1/jobs/{_part(job_id)}"
+    if not wait_s:
+        return Request("GET", path)
+    return Request("GET", path, {"wait_s": wait_s}, read_timeout_s=wait_s + _ANSWER_ARRIVES_S)
 
 
 def cancel_job(job_id: str) -> Request:

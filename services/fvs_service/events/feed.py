@@ -5,7 +5,7 @@ It runs when a notification announces new events, and at intervals without one.
 
 import asyncio
 import contextlib
-from collections.abc import AsyncIterator, Callable
+from collections.abc import AsyncGenerator, Callable
 from typing import TypeVar
 
 import anyio.to_thread
@@ -99,7 +99,9 @@ class EventFeed:
             self._closed = True
             self._changed.notify_all()
 
-    async def follow(self, principal: Principal, scene_id: str, after: int) -> AsyncIterator[Event | None]:
+    async def follow(
+        self, principal: Principal, scene_id: str, after: int
+    ) -> AsyncGenerator[Event | None, None]:
         """The events of a scene after number ``after``; None is a heartbeat without an event.
 
         Ends only after the event that the scene was deleted, or when the feed is closed. Raises

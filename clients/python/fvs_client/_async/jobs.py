@@ -14,9 +14,12 @@ from fvs_client.models.jobs import JobData, JobKind, JobRequest, JobState
 class AsyncJob(AsyncResource, JobData):
     """A job as it was when it was fetched; ``refresh`` and ``wait`` return its current state."""
 
-    async def refresh(self) -> Self:
-        """Get the job's current state."""
-        return await self._session.fetch(type(self), requests.get_job(self.id))
+    async def refresh(self, *, wait_s: float = 0.0) -> Self:
+        """Get the job's current state; with ``wait_s`` once the state has changed, or that time has passed.
+
+        A job that has ended is returned at once. The service waits no longer than ``limits.job_wait_s``.
+        """
+        return await self._session.fetch(type(self), requests.get_job(self.id, wait_s))
 
     async def wait(
         self, *, timeout_s: float | None = None, on_progress: Callable[[Self], object] | None = None

@@ -2,12 +2,15 @@
 
 from typing import Annotated
 
-from fastapi import Depends, Response
+from fastapi import Depends, Query, Request, Response
 
+from fvs_service.gateway.job_wait import MOST_S, changed_job
 from fvs_service.gateway.rest.bodies import json_body
 from fvs_service.gateway.rest.dependencies import (
     App,
     Caller,
+    Counters,
+    Feed,
     IdempotencyKey,
     JobId,
     JobPaging,
@@ -15,6 +18,7 @@ from fvs_service.gateway.rest.dependencies import (
     set_location,
     to_operate,
 )
+from fvs_service.gateway.rest.patience import while_connected
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.jobs.model import Job, JobList, JobRequest
 
@@ -55,6 +59,23 @@ def retry_job(app: App, caller: Caller, job_id: JobId) -> Job:
 
 
 @router.get("/jobs/{job_id:plain}")
-def get_job(app: App, caller: Caller, job_id: JobId) -> Job:
-    """Return a job and its progress."""
-    return app.jobs.get(caller, job_id)
+async def get_job(
+    http: Request,
+    app: App,
+    feed: Feed,
+    metrics: Counters,
+    caller: Caller,
+    job_id: JobId,
+    wait_s: Annotated[
+        float,
+        Query(
+            ge=0,
+            le=MOST_S,
+            allow_inf_nan=False,
+            description="Wait until the job's state has changed, but not longer than this, nor than "
+            "`limits.job_wait_s` of the capabilities. A job that has ended is returned at once.",
+        ),
+    ] = 0.0,
+) -> Job:
+    """Return a job and its progress, at once or when its state has changed."""
+    return await while_connected(http, changed_job(app, feed, metrics, caller, job_id, wait_s))

@@ -1,17 +1,25 @@
 """Jobs over gRPC."""
 
 from collections.abc import AsyncIterator
+from typing import Annotated
 
 from anyio.to_thread import run_sync
 from fvs.v1 import jobs_pb2 as pb
+from pydantic import Field
 
 from fvs_service.application import Application
 from fvs_service.errors import stopping
+from fvs_service.gateway.job_wait import MOST_S, changed_job
 from fvs_service.gateway.rpc.calls import Call
-from fvs_service.gateway.rpc.conversion import read
+from fvs_service.gateway.rpc.conversion import pick, read
 from fvs_service.gateway.rpc.requests import idempotency_key, page_of
 from fvs_service.jobs.model import Job, JobList, JobPage, JobRequest
+from fvs_service.model import Model, Number
 from fvs_service.principal import Principal, Scope
+
+
+class _Wait(Model):
+    wait_s: Annotated[Number, Field(ge=0, le=MOST_S)] = 0.0
 
 
 class JobServicer:
@@ -33,9 +41,10 @@ class JobServicer:
         page = page_of(JobPage, request, self._app.storage.settings.limits)
         return self._app.jobs.of_scene(caller, request.scene_id, page)
 
-    def get_job(self, caller: Principal, request: pb.GetJobRequest) -> Job:
-        """Return a job."""
-        return self._app.jobs.get(caller, request.job_id)
+    async def get_job(self, call: Call, caller: Principal, request: pb.GetJobRequest) -> Job:
+        """Return a job, at once or when its state has changed."""
+        within_s, parts = pick(_Wait, request).wait_s, call.gateway
+        return await changed_job(self._app, parts.feed, parts.metrics, caller, request.job_id, within_s)
 
     def cancel_job(self, caller: Principal, request: pb.CancelJobRequest) -> Job:
         """Cancel a job."""
