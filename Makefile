@@ -16,6 +16,8 @@ PYTHON ?= python3
 VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
+GENERATED := tests/clients/generated
+GENERATORS := $(VENV)/generators/.installed
 FVS_DATA ?= ../shared/data
 IMAGES ?= $(wildcard $(FVS_DATA)/kermit)
 OUT ?= out/demo
@@ -27,7 +29,7 @@ export PYTHONDONTWRITEBYTECODE :=
 
 .PHONY: setup demo demo-flight docs test unit check kernels generate lint test-slow coverage bench clean
 
-setup: $(INSTALLED)
+setup: $(INSTALLED) $(GENERATORS)
 
 # torch goes first and by its pin: it is then the CPU build where one is offered, and stays.
 $(INSTALLED): pyproject.toml clients/python/pyproject.toml constraints.txt
@@ -35,6 +37,13 @@ $(INSTALLED): pyproject.toml clients/python/pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable . --editable ./clients/python --group dev
+	touch $@
+
+# Generators of clients, for a test: in an environment of their own, since they want other versions than ours.
+$(GENERATORS): $(GENERATED)/requirements.txt $(GENERATED)/package-lock.json
+	$(PYTHON) -m venv $(VENV)/generators
+	$(VENV)/generators/bin/python -m pip install --quiet --requirement $(GENERATED)/requirements.txt
+	if command -v npm >/dev/null; then npm ci --prefix $(GENERATED) --silent --no-audit --no-fund; fi
 	touch $@
 
 demo: setup
@@ -100,4 +109,4 @@ bench: setup
 		--scene "bonsai=$(FVS_DATA)/bonsai/reference,$(FVS_DATA)/bonsai/images,800"
 
 clean:
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .coverage* out site
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .coverage* out site $(GENERATED)/node_modules

@@ -44,6 +44,7 @@ _PROCESS_FILES = (
     "clients/test_command_line.py",
     "contract/test_access_rule.py",
     "contract/test_released_contract.py",
+    "clients/generated/",
     "docs/test_code_blocks.py",
     "docs/test_site.py",
     "faults/",

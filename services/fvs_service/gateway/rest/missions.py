@@ -1,7 +1,7 @@
 """Missions over REST."""
 
 import json
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import Depends, Query, Response
 from starlette.concurrency import run_in_threadpool
@@ -15,12 +15,18 @@ from fvs_service.missions.service import ReadRequest
 
 router = json_router("/v1", "missions")
 
+_JSON: dict[str, dict[str, Any]] = {
+    "application/json": {"schema": {}},
+    "application/geo+json": {"schema": {"type": "object"}},
+}
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
+_KINDS = {writer.media_type.partition(";")[0] for writer in WRITERS.values()}
 _FILES = {
     200: {
         "description": "The file. `Left-Out` names the views that are not in it, separated by commas; "
         "`Left-Out-Reasons` is a JSON array of why the first of them are not, in the same order.",
-        "content": {writer.media_type.partition(";")[0]: _BINARY for writer in WRITERS.values()},
+        # Generators that take the first for all can read each as bytes or text, but not as JSON.
+        "content": dict.fromkeys(sorted(_KINDS - _JSON.keys()), _BINARY) | _JSON,
     }
 }
 

@@ -1,5 +1,6 @@
 """Uploads that resume (tus): an image in any number of requests, over links that break."""
 
+import re
 from datetime import datetime
 from email.utils import format_datetime
 from http import HTTPStatus
@@ -38,7 +39,9 @@ def _header(name: str, description: str, *, required: bool = True, **schema: Any
     return {**header, "schema": {"type": "string", **schema}}
 
 
-_VERSION = _header("Tus-Resumable", "The version of the protocol.", enum=[tus.VERSION])
+_VERSION = _header(
+    "Tus-Resumable", f"The version of the protocol, `{tus.VERSION}`.", pattern=f"^{re.escape(tus.VERSION)}$"
+)
 _METADATA = _header(
     "Upload-Metadata",
     "Names and base64 values, separated by commas: `scene`, `sha256` (of all bytes, in hex), `filename`, and "
