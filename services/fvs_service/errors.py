@@ -236,10 +236,19 @@ class GoneError(
 class PreconditionFailedError(
     ServiceError,
     code="precondition-failed",
-    title="The version of the protocol is not supported",
+    title="The resource has changed",
     status=412,
     rpc_status="FAILED_PRECONDITION",
     retryable=False,
+    usual_hint="Read the resource again, and decide whether the request still makes sense.",
+):
+    """The resource is no longer as the client has seen it."""
+
+
+class ProtocolVersionError(
+    PreconditionFailedError,
+    code="unsupported-version",
+    title="The version of the protocol is not supported",
     usual_hint="Name a version of the protocol that the service supports.",
 ):
     """The request is of another version of the protocol, or does not name it."""

@@ -189,6 +189,9 @@ def deletions(surface: Surface) -> Iterator[Any]:
     yield scene
     yield do(scene.change, name="pit", retention=Retention(snapshot_days=2.5))
     yield surface.attempt(scene.change)
+    yield surface.attempt(scene.change, name="shaft", if_unchanged=True)
+    yield surface.attempt(scene.delete, if_unchanged=True)
+    yield do(do(scene.refresh).change, name="shaft", if_unchanged=True).name
     for _ in range(2):
         surface.gateway.model(scene.id)
     second, first = surface.items(scene.snapshots.list(), None)
@@ -323,10 +326,10 @@ def anonymous(answers: list[str], folder: Path) -> list[str]:
         return names.setdefault(found[0], f"{found[1]}#{len(names)}")
 
     text = "\n---\n".join(answers).replace(str(folder), "FOLDER")
-    text = re.sub(r"\b(scn|job|snp|rnk)_[0-9a-zA-Z]{8,}", numbered, text)
+    text = re.sub(r"\b(scn|job|snp|rnk|pln)_[0-9a-zA-Z]{8,}", numbered, text)
     text = re.sub(r"datetime\.datetime\([^()]*(\([^()]*\))?[^()]*\)", "TIME", text)
     text = re.sub(r"TzInfo\([^)]*\)", "UTC", text)
-    text = text.replace(RPC_HINT, HINT)
+    text = re.sub(r"'etag': '[0-9a-f]+'", "'etag': ONE", text).replace(RPC_HINT, HINT)
     text = re.sub(r"\b(number|seconds)=[0-9.e-]+", r"\1=N", text)
     return text.split("\n---\n")
 

@@ -66,7 +66,12 @@ MODELS_OF_REST = {
     "UploadAnswer": "of a form",
     "UploadItem": "of a form",
 }
-PARAMETERS = {"hexadecimal": "digest", "Idempotency-Key": "idempotency_key", "Last-Event-ID": "after"}
+PARAMETERS = {
+    "hexadecimal": "digest",
+    "Idempotency-Key": "idempotency_key",
+    "Last-Event-ID": "after",
+    "If-Match": "etag",
+}
 PARAMETERS_OF_HTTP = {
     *("Range", "If-Range", "If-None-Match", "Repr-Digest", "Content-Digest", "X-Timeout-S"),
 }

@@ -31,8 +31,14 @@ def test_a_scene_is_created_read_changed_listed_and_deleted(compare: Compare) ->
         assert [one["id"] for one in tenant.call("ListScenes", name="keep").result["items"]] == [scene]
         for wrong in ({"after": "zzz"}, {"name": "keep", "after": first["next"]}):
             assert refused(tenant.call("ListScenes", **wrong), "invalid-request").fields == ("after",)
-        tenant.call("DeleteScene", scene_id=scene)
+        tag = tenant.call("GetScene", scene_id=scene).result["etag"]
+        changed = tenant.call("ChangeScene", {"name": "tower"}, scene_id=scene, etag=tag).result
+        assert changed["etag"] != tag
+        for name, body in (("ChangeScene", {"name": "moat"}), ("DeleteScene", None)):
+            refused(tenant.call(name, body, scene_id=scene, etag=tag), "precondition-failed")
+        tenant.call("DeleteScene", scene_id=scene, etag=changed["etag"])
         refused(tenant.call("GetScene", scene_id=scene), "not-found")
+        refused(tenant.call("DeleteScene", scene_id=scene, etag=tag), "not-found")
 
     compare(scenario)
 

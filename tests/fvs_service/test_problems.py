@@ -63,7 +63,7 @@ def test_every_error_is_a_problem_document(
     assert (problem["status"], problem["code"]) == (status, code)
     assert problem["request_id"] == answer.headers["x-request-id"]
     if status == 405:
-        assert answer.headers["allow"] == "GET, POST"
+        assert answer.headers["allow"] == "GET, HEAD, POST"
 
 
 _POSE = {"position": [0, 0, 0], "orientation_wxyz": [1, 1, 0, 0]}
@@ -250,7 +250,7 @@ def test_the_limits_that_are_told_are_kept(open_gateway: Any) -> None:
     assert (limits["digests_per_check"], limits["page_items"]) == (2, 3)
     scenes = [gateway.scene() for _ in range(4)]
     page = gateway.client.get("/v1/scenes", params={"limit": 1000}).json()
-    assert [scene["id"] for scene in page["items"]] == scenes[:3]
+    assert [scene["id"] for scene in page["items"]] == scenes[:0:-1]
     digests = [f"sha256:{number:064x}" for number in range(3)]
     path = f"/v1/scenes/{scenes[0]}/images:check"
     assert gateway.client.post(path, json={"digests": digests}).status_code == 422

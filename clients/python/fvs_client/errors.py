@@ -142,6 +142,12 @@ class GoneError(ApiError):
     code = ErrorCode.GONE
 
 
+class PreconditionFailedError(ApiError):
+    """The resource is no longer as it was when it was fetched."""
+
+    code = ErrorCode.PRECONDITION_FAILED
+
+
 class PayloadTooLargeError(ApiError):
     """The body is larger than the limit."""
 
@@ -261,6 +267,7 @@ _BY_STATUS: Mapping[int, type[ApiError]] = {
     404: NotFoundError,
     409: ConflictError,
     410: GoneError,
+    412: PreconditionFailedError,
     413: PayloadTooLargeError,
     422: InvalidRequestError,
     429: LimitExceededError,

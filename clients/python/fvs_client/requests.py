@@ -95,14 +95,21 @@ def get_scene(scene_id: str) -> Request:
     return Request("GET", f"/v1/scenes/{_part(scene_id)}")
 
 
-def change_scene(scene_id: str, change: SceneChange) -> Request:
-    """Change a scene."""
-    return Request("PATCH", f"/v1/scenes/{_part(scene_id)}", document=change.document())
+def change_scene(scene_id: str, change: SceneChange, etag: str | None = None) -> Request:
+    """Change a scene, if its tag still is ``etag``."""
+    path = f"/v1/scenes/{_part(scene_id)}"
+    return Request(
+        "PATCH",
+        path,
+        headers=_if_match(etag),
+        document=change.document(),
+        repeatable=etag is None,  # the change itself changes the tag
+    )
 
 
-def delete_scene(scene_id: str) -> Request:
-    """Delete a scene."""
-    return Request("DELETE", f"/v1/scenes/{_part(scene_id)}")
+def delete_scene(scene_id: str, etag: str | None = None) -> Request:
+    """Delete a scene, if its tag still is ``etag``."""
+    return Request("DELETE", f"/v1/scenes/{_part(scene_id)}", headers=_if_match(etag))
 
 
 def get_scene_size(scene_id: str) -> Request:
@@ -368,6 +375,10 @@ def _keyed(path: str, content: Input, idempotency_key: str | None) -> Request:
         headers={"Idempotency-Key": idempotency_key or uuid.uuid4().hex},
         document=content.document(),
     )
+
+
+def _if_match(etag: str | None) -> dict[str, str]:
+    return {} if etag is None else {"If-Match": f'"{etag}"'}
 
 
 def _part(value: Any) -> str:

@@ -49,18 +49,22 @@ class GetSceneRequest(_message.Message):
     def __init__(self, scene_id: _Optional[str] = ...) -> None: ...
 
 class ChangeSceneRequest(_message.Message):
-    __slots__ = ("scene_id", "change")
+    __slots__ = ("scene_id", "change", "etag")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     CHANGE_FIELD_NUMBER: _ClassVar[int]
+    ETAG_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     change: SceneChange
-    def __init__(self, scene_id: _Optional[str] = ..., change: _Optional[_Union[SceneChange, _Mapping]] = ...) -> None: ...
+    etag: str
+    def __init__(self, scene_id: _Optional[str] = ..., change: _Optional[_Union[SceneChange, _Mapping]] = ..., etag: _Optional[str] = ...) -> None: ...
 
 class DeleteSceneRequest(_message.Message):
-    __slots__ = ("scene_id",)
+    __slots__ = ("scene_id", "etag")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    ETAG_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
-    def __init__(self, scene_id: _Optional[str] = ...) -> None: ...
+    etag: str
+    def __init__(self, scene_id: _Optional[str] = ..., etag: _Optional[str] = ...) -> None: ...
 
 class GetSceneSizeRequest(_message.Message):
     __slots__ = ("scene_id",)
@@ -191,7 +195,7 @@ class ImageCounts(_message.Message):
     def __init__(self, received: _Optional[int] = ..., accepted: _Optional[int] = ..., rejected: _Optional[int] = ..., pending: _Optional[int] = ..., excluded: _Optional[int] = ..., quarantined: _Optional[int] = ...) -> None: ...
 
 class Scene(_message.Message):
-    __slots__ = ("id", "name", "world", "origin", "camera", "policy", "retention", "images", "snapshot_id", "alignment", "created_at")
+    __slots__ = ("id", "name", "world", "origin", "camera", "policy", "retention", "images", "snapshot_id", "alignment", "created_at", "etag")
     ID_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
     WORLD_FIELD_NUMBER: _ClassVar[int]
@@ -203,6 +207,7 @@ class Scene(_message.Message):
     SNAPSHOT_ID_FIELD_NUMBER: _ClassVar[int]
     ALIGNMENT_FIELD_NUMBER: _ClassVar[int]
     CREATED_AT_FIELD_NUMBER: _ClassVar[int]
+    ETAG_FIELD_NUMBER: _ClassVar[int]
     id: str
     name: str
     world: World
@@ -214,7 +219,8 @@ class Scene(_message.Message):
     snapshot_id: str
     alignment: _poses_pb2.Alignment
     created_at: _timestamp_pb2.Timestamp
-    def __init__(self, id: _Optional[str] = ..., name: _Optional[str] = ..., world: _Optional[_Union[World, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ..., camera: _Optional[_Union[CameraPrior, _Mapping]] = ..., policy: _Optional[_Union[Policy, _Mapping]] = ..., retention: _Optional[_Union[Retention, _Mapping]] = ..., images: _Optional[_Union[ImageCounts, _Mapping]] = ..., snapshot_id: _Optional[str] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
+    etag: str
+    def __init__(self, id: _Optional[str] = ..., name: _Optional[str] = ..., world: _Optional[_Union[World, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ..., camera: _Optional[_Union[CameraPrior, _Mapping]] = ..., policy: _Optional[_Union[Policy, _Mapping]] = ..., retention: _Optional[_Union[Retention, _Mapping]] = ..., images: _Optional[_Union[ImageCounts, _Mapping]] = ..., snapshot_id: _Optional[str] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., etag: _Optional[str] = ...) -> None: ...
 
 class SceneList(_message.Message):
     __slots__ = ("items", "next")

@@ -1,5 +1,6 @@
 """The operations that delete resources."""
 
+from collections.abc import Collection
 from datetime import timedelta
 
 from sqlalchemy import select
@@ -13,6 +14,7 @@ from fvs_service.plans.repository import plan_of
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings.repository import ranking_of
 from fvs_service.scenes.repository import find_scene_head, scene_head_of
+from fvs_service.scenes.service import require_tag
 from fvs_service.snapshots.repository import snapshot_of
 from fvs_service.storage.database import Database
 from fvs_service.storage.removals import lock_scene
@@ -29,11 +31,15 @@ class Deletions:
         self._database, self._uploads = database, uploads
         self._grace = timedelta(seconds=grace_s)
 
-    def scene(self, principal: Principal, scene_id: str) -> None:
-        """Delete a scene with its images, jobs, snapshots, rankings and plans; running jobs stop."""
+    def scene(self, principal: Principal, scene_id: str, expected: Collection[str] | None = None) -> None:
+        """Delete a scene with its images, jobs, snapshots, rankings and plans; running jobs stop.
+
+        Raises ``PreconditionFailedError`` unless the scene's tag is one of those ``expected``.
+        """
         principal.require(Scope.OPERATE, scene_id)
         with self._database.writing(scene_id) as session:
             scene_head_of(session, principal, scene_id)
+            require_tag(session, principal, scene_id, expected)
             rows.delete_scene(session, scene_id)
         self._uploads.remove_scene(principal.tenant_id, scene_id)
 

@@ -1,9 +1,11 @@
 """Scenes: requests, settings, alignment."""
 
+import hashlib
 from enum import StrEnum
+from functools import cached_property
 from typing import Annotated, Literal, Self
 
-from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
+from pydantic import ConfigDict, Field, ValidationInfo, computed_field, field_validator, model_validator
 
 from fvs_engine.images.focal import PLAUSIBLE_SHARE
 from fvs_service.model import (
@@ -276,6 +278,13 @@ class Scene(Model):
     """The alignment of the latest snapshot."""
     created_at: Timestamp
     """When it was created."""
+
+    @computed_field  # type: ignore[prop-decorator]
+    @cached_property
+    def etag(self) -> str:
+        """A tag of the scene as it is: it changes with every other field."""
+        content = self.model_dump_json(exclude={"etag"})
+        return hashlib.sha256(content.encode()).hexdigest()[:32]
 
 
 class ScenePage(Page):

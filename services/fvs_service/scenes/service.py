@@ -1,6 +1,10 @@
 """The operations on scenes."""
 
-from fvs_service.errors import LimitExceededError
+from collections.abc import Collection
+
+from sqlalchemy.orm import Session
+
+from fvs_service.errors import LimitExceededError, PreconditionFailedError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
@@ -52,10 +56,20 @@ class Scenes:
         with self._database.reading() as session:
             return repository.scene_of(session, principal, scene_id)
 
-    def change(self, principal: Principal, scene_id: str, change: SceneChange) -> Scene:
-        """Change a scene's name, policy or retention; raises ``NotFoundError``."""
+    def change(
+        self,
+        principal: Principal,
+        scene_id: str,
+        change: SceneChange,
+        expected: Collection[str] | None = None,
+    ) -> Scene:
+        """Change a scene's name, policy or retention; raises ``NotFoundError``.
+
+        Raises ``PreconditionFailedError`` unless the scene's tag is one of those ``expected``.
+        """
         principal.require(Scope.OPERATE, scene_id)
         with self._database.writing(scene_id) as session:
+            require_tag(session, principal, scene_id, expected)
             repository.change_scene(session, principal, scene_id, change)
             data = change.model_dump(mode="json", exclude_none=True)
             publish(session, scene_id, EventKind.SCENE_CHANGED, data)
@@ -73,3 +87,14 @@ class Scenes:
         principal.require(Scope.READ)
         with self._database.reading() as session:
             return repository.scenes_of_tenant(session, principal.tenant_id, page)
+
+
+def require_tag(
+    session: Session, principal: Principal, scene_id: str, expected: Collection[str] | None
+) -> None:
+    """Raise ``PreconditionFailedError`` unless a scene's tag is one of those ``expected``; None is any.
+
+    The transaction must lock the scene.
+    """
+    if expected is not None and repository.scene_of(session, principal, scene_id).etag not in expected:
+        raise PreconditionFailedError("The scene has changed since its ETag was returned.")

@@ -66,6 +66,10 @@ class Call:
     def __getattr__(self, name: str) -> Any:
         return self.given.get(name)
 
+    @property
+    def expected(self) -> Any:
+        return (self.given["etag"],) if "etag" in self.given else None
+
     def options_of(self, kind: type[MissionOptions] = MissionOptions) -> Any:
         given = {name: self.given[name] for name in kind.model_fields if name in self.given}
         return parse_body(kind, orjson.dumps(given), Limits())
@@ -107,11 +111,13 @@ OPERATIONS: dict[str, Operation] = {
     "ChangeScene": Operation(
         "PATCH",
         "/v1/scenes/{scene_id}",
-        lambda app, who, call: app.scenes.change(who, call.scene_id, call.body),
+        lambda app, who, call: app.scenes.change(who, call.scene_id, call.body, call.expected),
         ("change", SceneChange),
     ),
     "DeleteScene": Operation(
-        "DELETE", "/v1/scenes/{scene_id}", lambda app, who, call: app.deletions.scene(who, call.scene_id)
+        "DELETE",
+        "/v1/scenes/{scene_id}",
+        lambda app, who, call: app.deletions.scene(who, call.scene_id, call.expected),
     ),
     "GetSceneSize": Operation(
         "GET", "/v1/scenes/{scene_id}/size", lambda app, who, call: app.scenes.size(who, call.scene_id)

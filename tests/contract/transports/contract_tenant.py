@@ -12,7 +12,7 @@ from fvs_service.scenes.model import ScenePage
 _ID = re.compile(r"\b(scn|job|snp|rnk|pln|key|req|whk)_[0-9a-z]{26}\b")
 _TIME = re.compile(r"^\d{4}-\d\d-\d\dT")
 _MEASURED = frozenset({"seconds", "waited_s", "heartbeat_age_s", "delivered", "secret"})
-_OPAQUE = frozenset({"next"})
+_OPAQUE = frozenset({"etag", "next"})
 
 
 class Tenant:

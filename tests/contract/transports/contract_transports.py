@@ -114,11 +114,13 @@ class Rest:
     def call(self, name: str, key: str | None, given: Mapping[str, Any], body: Any) -> Outcome:
         operation = OPERATIONS[name]
         path = operation.path.format(**given)
-        variables = set(re.findall(r"{(\w+)}", operation.path)) | {"idempotency_key"}
+        variables = set(re.findall(r"{(\w+)}", operation.path)) | {"idempotency_key", "etag"}
         query = {one: value for one, value in given.items() if one not in variables}
         headers = bearer(key)
         if "idempotency_key" in given:
             headers["Idempotency-Key"] = given["idempotency_key"]
+        if "etag" in given:
+            headers["If-Match"] = f'"{given["etag"]}"'
         if operation.streamed:
             headers["Accept"] = "text/event-stream"
         options = {} if operation.body is None else {"json": body or {}}

@@ -87,15 +87,29 @@ class AsyncScene(AsyncResource, SceneData):
         return await self._session.fetch(type(self), requests.get_scene(self.id))
 
     async def change(
-        self, *, name: str | None = None, policy: Policy | None = None, retention: Retention | None = None
+        self,
+        *,
+        name: str | None = None,
+        policy: Policy | None = None,
+        retention: Retention | None = None,
+        if_unchanged: bool = False,
     ) -> Self:
-        """Rename the scene, or change its policy or retention; None leaves a setting as it is."""
-        change = SceneChange(name=name, policy=policy, retention=retention)
-        return await self._session.fetch(type(self), requests.change_scene(self.id, change))
+        """Rename the scene, or change its policy or retention; None leaves a setting as it is.
 
-    async def delete(self) -> None:
-        """Permanently delete the scene and everything in it; its running jobs stop."""
-        await self._session.content(requests.delete_scene(self.id))
+        With ``if_unchanged`` raises ``PreconditionFailedError`` when the scene is not as it was when it was
+        fetched: it has other settings, images or snapshots.
+        """
+        change = SceneChange(name=name, policy=policy, retention=retention)
+        request = requests.change_scene(self.id, change, self.etag if if_unchanged else None)
+        return await self._session.fetch(type(self), request)
+
+    async def delete(self, *, if_unchanged: bool = False) -> None:
+        """Permanently delete the scene and everything in it; its running jobs stop.
+
+        ``if_unchanged`` as in ``change``.
+        """
+        request = requests.delete_scene(self.id, self.etag if if_unchanged else None)
+        await self._session.content(request)
 
     async def size(self) -> SceneSize:
         """Get the disk space of the scene."""

@@ -38,6 +38,7 @@ class ErrorCode(Word):
     UNIMPLEMENTED = "unimplemented"
     UNKNOWN_HOST = "unknown-host"
     UNSUPPORTED_MEDIA_TYPE = "unsupported-media-type"
+    UNSUPPORTED_VERSION = "unsupported-version"
 
     # Of this client.
     ANSWER_TIMEOUT = "answer-timeout"

@@ -173,6 +173,8 @@ class SceneData(Answer):
     snapshot_id: str | None
     alignment: Alignment | None
     created_at: Timestamp
+    etag: str
+    """A tag of the scene as it is: it changes with every other field."""
 
     def __repr_args__(self) -> ReprArgs:
         yield from (("id", self.id), ("name", self.name), ("images", self.image_counts.received))

@@ -16,6 +16,7 @@ _BY_CODE = {
     "method-not-allowed": 405,
     "request-timeout": 408,
     "gone": 410,
+    "precondition-failed": 412,
     "payload-too-large": 413,
     "unsupported-media-type": 415,
     "unknown-host": 421,

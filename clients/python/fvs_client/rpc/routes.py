@@ -122,6 +122,7 @@ def _message(kind: str, variables: Mapping[str, str], request: httpx2.Request) -
         "idempotency_key": request.headers.get("Idempotency-Key"),
         "after": request.headers.get("Last-Event-ID"),
         "start": _start(request.headers.get("Range", "")),
+        "etag": _tag(request.headers.get("If-Match")),
     }
     given: dict[str, Any] = {**variables, **request.url.params}
     for name in given.keys() & request.url.params.keys():
@@ -135,6 +136,10 @@ def _message(kind: str, variables: Mapping[str, str], request: httpx2.Request) -
         given[body] = json.loads(request.content)
     fill(message, given)
     return message
+
+
+def _tag(if_match: str | None) -> str | None:
+    return None if if_match is None else if_match.strip('"')
 
 
 def _start(content_range: str) -> str | None:

@@ -4,7 +4,7 @@ from collections.abc import AsyncIterator
 from contextlib import ExitStack, suppress
 from typing import Annotated
 
-from fastapi import Header, Query
+from fastapi import Header, Query, Request, Response
 from fastapi.responses import StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
@@ -27,18 +27,20 @@ _LastEvent = Annotated[
         description="Start after this event, the last one that arrived; goes before `after`.",
     ),
 ]
+_MEDIA_TYPE = "text/event-stream"
 _RECONNECT_MS = 1000
 _HEARTBEAT = ": heartbeat\n\n"
 _STREAM = {
     200: {
         "description": "Events as they happen.",
-        "content": {"text/event-stream": {"schema": {"type": "string"}}},
+        "content": {_MEDIA_TYPE: {"schema": {"type": "string"}}},
     }
 }
 
 
 @router.get("/{scene_id}/events", response_class=StreamingResponse, responses=_STREAM)  # type: ignore[arg-type]
 async def watch_events(
+    request: Request,
     feed: Feed,
     caller: Caller,
     metrics: Counters,
@@ -46,15 +48,17 @@ async def watch_events(
     after: Annotated[int, Query(ge=0, le=2**53, description="Start after this event.")] = 0,
     tail: Annotated[bool, Query(description="Only new events: start after the newest one.")] = False,
     last: _LastEvent = None,
-) -> StreamingResponse:
+) -> Response:
     """Stream the events of a scene: the past ones after `Last-Event-ID` (or `after`), then new ones."""
     await run_in_threadpool(feed.check, caller, scene_id)
+    if request.method == "HEAD":  # whose response must end
+        return Response(media_type=_MEDIA_TYPE)
     if tail and last is None:
         after = await feed.newest()
     slot = ExitStack()
     slot.enter_context(feed.stream_limit.slot(caller.tenant_id))
     stream = _stream(feed, metrics, slot, caller, scene_id, after if last is None else last)
-    return StreamingResponse(stream, media_type="text/event-stream")
+    return StreamingResponse(stream, media_type=_MEDIA_TYPE)
 
 
 async def _stream(

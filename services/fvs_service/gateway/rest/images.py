@@ -15,6 +15,7 @@ from fvs_service.errors import (
     UnsupportedMediaTypeError,
 )
 from fvs_service.gateway.rest.bodies import blocks, declared_bytes, json_body
+from fvs_service.gateway.rest.conditions import IfNoneMatch
 from fvs_service.gateway.rest.dependencies import (
     App,
     Caller,
@@ -27,7 +28,7 @@ from fvs_service.gateway.rest.dependencies import (
 )
 from fvs_service.gateway.rest.digests import declared_digest, repr_digest
 from fvs_service.gateway.rest.multipart import UploadedFile, receive_files
-from fvs_service.gateway.rest.ranges import IfNoneMatch, IfRange, RangeHeader, ranged_response
+from fvs_service.gateway.rest.ranges import IfRange, RangeHeader, ranged_response
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.images.model import (
     MEDIA_TYPES,
@@ -179,9 +180,9 @@ def include_image(app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex)
     return app.exclusions.include(caller, scene_id, f"sha256:{hexadecimal}")
 
 
-@router.head("/images/sha256:{hexadecimal:plain}/content", include_in_schema=False)
 @router.get("/images/sha256:{hexadecimal:plain}/content", response_class=Response, responses=_CONTENT)
 def download_image(
+    request: Request,
     app: App,
     caller: Caller,
     scene_id: SceneId,
@@ -197,6 +198,7 @@ def download_image(
         image.size_bytes,
         image.media_type,
         lambda start, stop: app.images.content(image, start, stop),
+        head=request.method == "HEAD",
         range_header=range_header,
         if_range=if_range,
         if_none_match=if_none_match,

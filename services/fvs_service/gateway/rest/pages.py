@@ -2,13 +2,14 @@
 
 from typing import Any
 
-from fastapi import APIRouter, Request, Response
+from fastapi import Request, Response
 from fastapi.responses import HTMLResponse, RedirectResponse
 
 from fvs_service.gateway.rest.dependencies import KnownQuery
 from fvs_service.gateway.rest.docs_page import SECURITY_POLICY, docs_page
+from fvs_service.gateway.rest.routing import HeadRouter
 
-router = APIRouter(dependencies=[KnownQuery], include_in_schema=False)
+router = HeadRouter(dependencies=[KnownQuery], include_in_schema=False)
 
 _DOCS, _OPENAPI = "/docs", "/openapi.json"
 

@@ -42,9 +42,20 @@ class JsonRoute(APIRoute):
             self.openapi_extra = {"requestBody": {"required": True, "content": content}}
 
 
+class HeadRouter(APIRouter):
+    """A router that answers HEAD wherever it answers GET: the server sends the response without its body."""
+
+    def add_api_route(self, path: str, endpoint: Callable[..., Any], **options: Any) -> None:
+        """Add a route, and with one for GET that for HEAD, which the OpenAPI document leaves out."""
+        super().add_api_route(path, endpoint, **options)
+        if options.get("methods") == ["GET"]:
+            head = {**options, "methods": ["HEAD"], "include_in_schema": False}
+            super().add_api_route(path, endpoint, **head)
+
+
 def json_router(prefix: str, tag: str) -> APIRouter:
     """A router of ``JsonRoute``."""
-    return APIRouter(prefix=prefix, tags=[tag], route_class=JsonRoute)
+    return HeadRouter(prefix=prefix, tags=[tag], route_class=JsonRoute)
 
 
 def _parameters(dependant: Dependant) -> Iterator[tuple[str, bool]]:

@@ -1,10 +1,11 @@
 """Scenes over REST."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
 from fastapi import Depends, Response
 
 from fvs_service.gateway.rest.bodies import json_body
+from fvs_service.gateway.rest.conditions import Expected, IfNoneMatch, has, not_modified, set_tag
 from fvs_service.gateway.rest.dependencies import (
     App,
     Caller,
@@ -20,6 +21,10 @@ from fvs_service.scenes.model import Scene, SceneChange, SceneList, SceneRequest
 
 router = json_router("/v1/scenes", "scenes")
 
+_UNCHANGED: dict[int | str, dict[str, Any]] = {
+    304: {"description": "The scene is as the one that `If-None-Match` names."}
+}
+
 
 @router.post("", status_code=201)
 def create_scene(
@@ -32,6 +37,7 @@ def create_scene(
     """Create a scene."""
     scene = app.scenes.create(caller, request, key)
     set_location(response, f"/v1/scenes/{scene.id}")
+    set_tag(response, scene.etag)
     return scene
 
 
@@ -41,10 +47,16 @@ def list_scenes(app: App, caller: Caller, page: ScenePaging) -> SceneList:
     return app.scenes.all(caller, page)
 
 
-@router.get("/{scene_id}")
-def get_scene(app: App, caller: Caller, scene_id: SceneId) -> Scene:
+@router.get("/{scene_id}", response_model=Scene, responses=_UNCHANGED)
+def get_scene(
+    app: App, caller: Caller, scene_id: SceneId, response: Response, if_none_match: IfNoneMatch = None
+) -> Scene | Response:
     """Return a scene: its numbers of images, its latest snapshot and its alignment."""
-    return app.scenes.get(caller, scene_id)
+    scene = app.scenes.get(caller, scene_id)
+    if has(scene.etag, if_none_match):
+        return not_modified(scene.etag)
+    set_tag(response, scene.etag)
+    return scene
 
 
 @router.patch("/{scene_id}")
@@ -53,15 +65,19 @@ def change_scene(
     caller: Caller,
     scene_id: SceneId,
     change: Annotated[SceneChange, Depends(json_body(SceneChange, to_operate))],
+    response: Response,
+    expected: Expected,
 ) -> Scene:
     """Rename a scene, or change its policy or retention."""
-    return app.scenes.change(caller, scene_id, change)
+    scene = app.scenes.change(caller, scene_id, change, expected)
+    set_tag(response, scene.etag)
+    return scene
 
 
 @router.delete("/{scene_id}", status_code=204)
-def delete_scene(app: App, caller: Caller, scene_id: SceneId) -> None:
+def delete_scene(app: App, caller: Caller, scene_id: SceneId, expected: Expected) -> None:
     """Permanently delete a scene and everything in it; its running jobs stop."""
-    app.deletions.scene(caller, scene_id)
+    app.deletions.scene(caller, scene_id, expected)
 
 
 @router.get("/{scene_id}/size")

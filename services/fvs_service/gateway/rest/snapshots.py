@@ -2,10 +2,11 @@
 
 from typing import Annotated
 
-from fastapi import Depends, Path
+from fastapi import Depends, Path, Request
 from fastapi.responses import Response
 
 from fvs_service.gateway.rest.bodies import json_body
+from fvs_service.gateway.rest.conditions import IfNoneMatch
 from fvs_service.gateway.rest.dependencies import (
     App,
     Caller,
@@ -14,7 +15,7 @@ from fvs_service.gateway.rest.dependencies import (
     SnapshotId,
     to_operate_snapshot,
 )
-from fvs_service.gateway.rest.ranges import IfNoneMatch, IfRange, RangeHeader, ranged_response
+from fvs_service.gateway.rest.ranges import IfRange, RangeHeader, ranged_response
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.snapshots.model import MEDIA_TYPES, Snapshot, SnapshotChange, SnapshotList
 
@@ -58,9 +59,9 @@ def delete_snapshot(app: App, caller: Caller, snapshot_id: SnapshotId) -> None:
     app.deletions.snapshot(caller, snapshot_id)
 
 
-@router.head("/snapshots/{snapshot_id}/artifacts/{name}", include_in_schema=False)
 @router.get("/snapshots/{snapshot_id}/artifacts/{name}", response_class=Response, responses=_RANGES)  # type: ignore[arg-type]
 def download_artifact(
+    request: Request,
     app: App,
     caller: Caller,
     snapshot_id: SnapshotId,
@@ -79,6 +80,7 @@ def download_artifact(
         artifact.size_bytes,
         artifact.media_type,
         lambda start, stop: app.storage.snapshots.read(snapshot, name, start, stop),
+        head=request.method == "HEAD",
         range_header=range_header,
         if_range=if_range,
         if_none_match=if_none_match,

@@ -13,7 +13,7 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from fvs_service.errors import (
     MalformedRequestError,
-    PreconditionFailedError,
+    ProtocolVersionError,
     UnsupportedMediaTypeError,
 )
 from fvs_service.gateway.validation import invalid_body
@@ -77,7 +77,7 @@ class TusProtocol:
             if message["type"] == "http.response.start":
                 headers = MutableHeaders(scope=message)
                 headers["Tus-Resumable"] = VERSION
-                if message["status"] == PreconditionFailedError.status:
+                if message["status"] == ProtocolVersionError.status:
                     headers["Tus-Version"] = VERSION
             await send(message)
 
@@ -90,10 +90,10 @@ def is_upload(path: str) -> bool:
 
 
 def require_version(headers: Headers) -> None:
-    """Raise ``PreconditionFailedError`` unless the request is of this version of the protocol."""
+    """Raise ``ProtocolVersionError`` unless the request is of this version of the protocol."""
     given = headers.get("tus-resumable")
     if given != VERSION:
-        raise PreconditionFailedError(
+        raise ProtocolVersionError(
             "The request has no Tus-Resumable header."
             if given is None
             else f"Version {given[:20]} of tus is not supported.",

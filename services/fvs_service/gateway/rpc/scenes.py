@@ -22,6 +22,11 @@ class _Start(Model):
     after: Annotated[int, Field(ge=0, le=2**53)] = 0
 
 
+def _expected(request: pb.ChangeSceneRequest | pb.DeleteSceneRequest) -> tuple[str, ...] | None:
+    """The tag that the scene must have; None for any."""
+    return (request.etag,) if request.HasField("etag") else None
+
+
 class SceneServicer:
     """``fvs.v1.SceneService``."""
 
@@ -46,11 +51,12 @@ class SceneServicer:
     def change_scene(self, caller: Principal, request: pb.ChangeSceneRequest) -> Scene:
         """Change a scene."""
         self._app.scenes.require(caller, Scope.OPERATE, request.scene_id)
-        return self._app.scenes.change(caller, request.scene_id, read(SceneChange, request.change))
+        change = read(SceneChange, request.change)
+        return self._app.scenes.change(caller, request.scene_id, change, _expected(request))
 
     def delete_scene(self, caller: Principal, request: pb.DeleteSceneRequest) -> None:
         """Delete a scene."""
-        self._app.deletions.scene(caller, request.scene_id)
+        self._app.deletions.scene(caller, request.scene_id, _expected(request))
 
     def get_scene_size(self, caller: Principal, request: pb.GetSceneSizeRequest) -> SceneSize:
         """Return the disk space of a scene."""
