@@ -18,8 +18,8 @@ from fvs_service.scenes.model import Alignment, AlignmentStatus
 from fvs_engine.candidates import CandidateStatus, RankedCandidate
 
 ORIGIN = {"latitude_deg": 48.3, "longitude_deg": 7.25, "altitude_m": 400.0}
-FRAME = {"frame": "world", "position": [0.5, 0.5, -4.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}
-VEHICLE = {**ORIGIN, "yaw_deg": 10.0, "pitch_deg": -20.0, "roll_deg": 0.0}
+FRAME = {"frame": "world", "position": [120.0, 0.5, -4.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}
+VEHICLE = {**ORIGIN, "latitude_deg": 48.301, "yaw_deg": 10.0, "pitch_deg": -20.0, "roll_deg": 0.0}
 FULL = {"top_k": 2, "budget": 1, "seed": 0, "current_pose": FRAME, "radius_m": 50.0}
 UP = {"up": [0.0, 0.0, 1.0]}
 VOLUMES: list[dict[str, Any]] = [
@@ -42,7 +42,10 @@ REQUESTS: Mapping[str, list[dict[str, Any]]] = {
             "world": {"kind": "enu", "origin": ORIGIN},
             "camera": {"focal_length_px": 3000.0, "width_px": 4000},
             "policy": {"trigger": "every-k-images", "k": 10, "first": 8},
-            "retention": {"snapshots": 10, "snapshot_days": 30, "rankings": 10, "ranking_days": 30},
+            "retention": {
+                **{"snapshots": 10, "snapshot_days": 30, "rankings": 10, "ranking_days": 30},
+                **{"plans": 10, "plan_days": 30},
+            },
         }
     ],
     "/v1/scenes/{scene_id}/jobs": [
@@ -82,8 +85,8 @@ REQUESTS: Mapping[str, list[dict[str, Any]]] = {
             **{"vehicles": [FRAME], "views": 2, "distance_m": 1e4, "home": True},
         },
         {"candidates": [{"id": "a", "pose": VEHICLE}], "vehicles": [VEHICLE], "views": 2},
-        {"generator": {"kind": "orbit", "count": 2, "radius_m": 4.0, "height_m": 1.0}, "views": 2},
-        {"generator": {"kind": "grid", "columns": 1, "rows": 1, "height_m": 4.0, "look": "down"}},
+        {"generator": {"kind": "orbit", "count": 2, "radius_m": 120.0, "height_m": 1.0}, "views": 2},
+        {"generator": {"kind": "grid", "columns": 1, "rows": 1, "height_m": 120.0, "look": "down"}},
         *(
             {
                 "generator": {"kind": "in-volume", "volume": volume, "count": 2, "aim": [0.0, 0.0, 0.0]},

@@ -91,7 +91,7 @@ def test_a_gateway_that_hangs_is_restarted(tmp_path: Path) -> None:
     command = [sys.executable, "-c", _SERVICE, str(tmp_path), "gateway"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.DEVNULL, text=True) as process:
         assert process.stdout is not None
-        url = process.stdout.readline().strip()
+        url = next(line.strip() for line in process.stdout if line.startswith("http"))
         try:
             hangs = _gateway_of(process.pid)
             os.kill(hangs, signal.SIGSTOP)

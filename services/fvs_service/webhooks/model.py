@@ -30,7 +30,7 @@ class WebhookRequest(Model):
 
     url: Annotated[str, Field(max_length=2_000, pattern=r"^https?://[!-~]+$")]
     """Where events are sent. Its host is one that the operator allows."""
-    events: Annotated[tuple[EventKind, ...], Field(min_length=1, max_length=32)]
+    events: Annotated[tuple[EventKind, ...], Field(min_length=1, max_length=32, fail_fast=True)]
     """The kinds of events to send; besides them `events.deleted`, where some were deleted undelivered."""
 
 
