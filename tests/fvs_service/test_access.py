@@ -41,7 +41,7 @@ class Route:
     def call(self, gateway: Any, headers: dict[str, str], photograph: bytes) -> Any:
         name = next((key for key in _BODIES if self.operation["operationId"].startswith(key)), None)
         more: dict[str, Any] = {"json": _BODIES[name]} if name else {}
-        if self.operation["operationId"].startswith(("create_mission", "get_ranking_mission")):
+        if self.operation["operationId"].endswith("_mission"):
             more["params"] = {"format": "csv"}
         if self.method == "put":
             more = {"content": photograph}
@@ -79,6 +79,9 @@ def owned(locked: Any, photograph: Any) -> dict[str, str]:
         "snapshot_id": snapshot,
         "name": "cameras.json",
         "ranking_id": ranking["id"],
+        "plan_id": locked.client.post(
+            f"/v1/scenes/{scene}/plans", json={"generator": {"kind": "orbit", "count": 9}}, headers=owner
+        ).json()["id"],
         "webhook_id": locked.client.post(
             f"/v1/scenes/{scene}/webhooks", json=_BODIES["create_webhook"], headers=owner
         ).json()["id"],
@@ -155,6 +158,7 @@ _UNKNOWN = {
     "job_id": "job_00000000000000000000000000",
     "snapshot_id": "snp_00000000000000000000000000",
     "ranking_id": "rnk_00000000000000000000000000",
+    "plan_id": "pln_00000000000000000000000000",
     "webhook_id": "whk_00000000000000000000000000",
     "upload_id": f"upl_{'0' * 32}",
 }

@@ -144,7 +144,7 @@ def test_datasets_that_are_none(tmp_path: Path, colmap: Path) -> None:
         read_dataset(images)
     with pytest.raises(InvalidInputError, match="needs its poses"):
         read_dataset(images, colmap=colmap, transforms=tmp_path / "transforms.json")
-    with pytest.raises(InvalidInputError, match="not a folder"):
+    with pytest.raises(InvalidInputError, match="does not exist"):
         read_dataset(tmp_path / "absent", colmap=colmap)
     with pytest.raises(InvalidInputError, match="no COLMAP model"):
         read_dataset(images, colmap=images)

@@ -88,7 +88,7 @@ def test_every_method_ranks(service: Any, modelled: str) -> None:
 def test_flights_are_planned_with_the_registered_points(service: Any, modelled: str) -> None:
     asked = {"generator": {"kind": "orbit", "count": 12}, "views": 3, "distance_m": 1e3, "home": True}
     answer = service.client.post(f"/v1/scenes/{modelled}/plans", json=asked)
-    assert answer.status_code == 200, answer.text
+    assert answer.status_code == 201, answer.text
     plan = answer.json()
     assert 1 <= len(plan["tours"][0]["stops"]) <= 3
     assert plan["end"]["variance"] < plan["now"]["variance"]
@@ -100,7 +100,7 @@ def test_flights_are_planned_with_the_registered_points(service: Any, modelled: 
     box = {"kind": "box", "centre": ring.mean(axis=0).tolist(), "size": sides}
     asked = {"generator": {"kind": "in-volume", "volume": box, "count": 50}, "safety_m": 0.01, "views": 2}
     inside = service.client.post(f"/v1/scenes/{modelled}/plans", json=asked)
-    assert inside.status_code == 200, inside.text
+    assert inside.status_code == 201, inside.text
     for stop in inside.json()["tours"][0]["stops"]:
         assert stop["id"].startswith("box-")
         offset = np.array(stop["pose"]["position"]) - box["centre"]

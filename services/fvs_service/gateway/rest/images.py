@@ -182,7 +182,6 @@ def include_image(app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex)
 
 @router.get("/images/sha256:{hexadecimal:plain}/content", response_class=Response, responses=_CONTENT)
 def download_image(
-    request: Request,
     app: App,
     caller: Caller,
     scene_id: SceneId,
@@ -198,7 +197,6 @@ def download_image(
         image.size_bytes,
         image.media_type,
         lambda start, stop: app.images.content(image, start, stop),
-        head=request.method == "HEAD",
         range_header=range_header,
         if_range=if_range,
         if_none_match=if_none_match,

@@ -30,7 +30,6 @@ def ranged_response(
     media_type: str,
     read: Callable[[int, int], Iterator[bytes]],
     *,
-    head: bool,
     range_header: str | None,
     if_range: str | None,
     if_none_match: str | None,
@@ -38,16 +37,13 @@ def ranged_response(
 ) -> Response:
     """The whole of some bytes (200), a range of them (206), or nothing when the caller has them (304).
 
-    The ``head`` alone has no bytes either. ``sha256`` is that of all bytes, and their ETag; ``read`` returns
+    ``sha256`` is that of all bytes, and their ETag; ``read`` returns
     those from one position up to another. Raises what reading the first of them raises.
     """
     tag = f'"{sha256}"'
     sent = {"ETag": tag, "Accept-Ranges": "bytes", **(headers or {})}
     if has(sha256, if_none_match):
         return Response(status_code=304, headers=sent)
-    if head:
-        sent["Content-Length"] = str(size_bytes)
-        return Response(headers=sent, media_type=media_type)
     span = byte_range(range_header, size_bytes) if if_range in (None, tag) else None
     start, stop = span or (0, size_bytes)
     sent["Content-Length"] = str(stop - start)

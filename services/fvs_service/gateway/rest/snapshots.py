@@ -2,7 +2,7 @@
 
 from typing import Annotated
 
-from fastapi import Depends, Path, Request
+from fastapi import Depends, Path
 from fastapi.responses import Response
 
 from fvs_service.gateway.rest.bodies import json_body
@@ -61,7 +61,6 @@ def delete_snapshot(app: App, caller: Caller, snapshot_id: SnapshotId) -> None:
 
 @router.get("/snapshots/{snapshot_id}/artifacts/{name}", response_class=Response, responses=_RANGES)  # type: ignore[arg-type]
 def download_artifact(
-    request: Request,
     app: App,
     caller: Caller,
     snapshot_id: SnapshotId,
@@ -80,7 +79,6 @@ def download_artifact(
         artifact.size_bytes,
         artifact.media_type,
         lambda start, stop: app.storage.snapshots.read(snapshot, name, start, stop),
-        head=request.method == "HEAD",
         range_header=range_header,
         if_range=if_range,
         if_none_match=if_none_match,
