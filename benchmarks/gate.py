@@ -6,7 +6,7 @@
 
 Both mappers' models of subsets of each scene (``gate_models``), and models spoilt from them, are examined
 without any prior: by the gate of ADR 2, by that of ADR 27, whose evidence is of pairs, and by the present
-one, without the witness, and with it where the extra aliked is installed. An image is wrong when its centre
+one. An image is wrong when its centre
 is more than 10 % of the spread off after a robust alignment; a model is, when an image that the gate left in
 it is. Scenes without true poses are judged by an accepted model of all their photographs. Every threshold is
 chosen on all scenes but one, and judged on that one.
@@ -18,8 +18,7 @@ import argparse
 import json
 from bisect import bisect_left
 from collections.abc import Callable, Iterable, Mapping, Sequence, Set
-from dataclasses import asdict, dataclass, field, replace
-from functools import partial
+from dataclasses import asdict, dataclass, field
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +35,6 @@ from fvs_engine.geometry.alignment.similarity import robust_umeyama, umeyama
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import MappedModel, ModelEvidence, registered_names
 from fvs_engine.sfm.colmap.database import focal_length_priors, read_keypoints, read_verified_pairs
-from fvs_engine.sfm.matching.witness import ask_witness
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import GateSettings
@@ -44,7 +42,6 @@ from fvs_engine.sfm.verification.gate import decide
 from fvs_engine.sfm.verification.links import Links
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
 from fvs_engine.sfm.verification.scale import Scale, depth_ratios
-from fvs_engine.sfm.verification.witness import WitnessMatches
 
 PHOTOGRAPHED = ("fox", "bonsai", "castle-P19", "fountain-P11")
 WITHOUT_TRUTH = ("brighton", "caliterra", "kermit", "lund")
@@ -79,16 +76,12 @@ _NO_DEPTHS: Mapping[str, object] = {
     "unscaled_images": (),
     "conflicting_views": (),
 }
-_NO_WITNESS: Mapping[str, object] = {"witness": None}
 _VERSIONS: tuple[Mapping[str, object], ...] = (
-    {**_NO_DEPTHS, **_NO_WITNESS, "loosely_linked_images": ()},
-    {**_NO_DEPTHS, **_NO_WITNESS},
-    _NO_WITNESS,
+    {**_NO_DEPTHS, "loosely_linked_images": ()},
     _NO_DEPTHS,
     {},
-    {**_NO_DEPTHS, "loosely_linked_images": ()},
 )
-"""What the gates of ADR 2 and 27 and the present one have no evidence of; the last three have the witness."""
+"""What the gates of ADR 2 and 27 and the present one have no evidence of."""
 
 _OPEN: Mapping[str, GateSettings] = {
     "min_match_support": GateSettings(min_match_support=0.0, min_doubtful_match_support=0.0),
@@ -102,28 +95,21 @@ def examine(scene: Scene, cache: Path, only: Sequence[str] | None, mapped_only: 
     """All cases of a scene."""
     stages = prepare(scene, cache / scene.name / "whole")
     subsets = {name: images for name, images in scene.subsets().items() if only is None or name in only}
-    matches = ask_witness(stages, scene.image_dir, {image for images in subsets.values() for image in images})
     cases = []
     for subset, names in subsets.items():
         folder = map_subset(scene, names, stages.folder, cache / scene.name / subset)
         pairs = read_verified_pairs(folder.database, MIN_PAIR_MATCHES)
         keypoints = read_keypoints(folder.database, {i for pair in pairs for i in (pair.first, pair.second)})
         focal_priors = focal_length_priors(folder.database)
-        evidence = ModelEvidence(pairs, keypoints, PosePriors(), focal_priors=focal_priors)
-        if matches is not None:
-            evidence = replace(evidence, witness=partial(_unchanged, matches))
+        evidence = ModelEvidence(pairs, keypoints, PosePriors(), focal_priors)
         sound = mapped(folder)
         groups = [sound]
         if sound and not mapped_only:
             # A spoilt model stands alone: the mapper's would show what is wrong with it.
             groups += [{kind: make} for kind, make in spoilt(next(iter(sound.values()))).items()]
         for group in groups:
-            cases += _cases(scene, subset, group, evidence, matches is not None)
+            cases += _cases(scene, subset, group, evidence)
     return cases
-
-
-def _unchanged(matches: WitnessMatches) -> WitnessMatches:
-    return matches
 
 
 def _cases(
@@ -131,19 +117,17 @@ def _cases(
     subset: str,
     group: Mapping[str, Callable[[], pycolmap.Reconstruction]],
     evidence: ModelEvidence,
-    witness: bool,
 ) -> list[Case]:
-    """The cases of models that the gate sees together; ``witness``: whether there is one."""
+    """The cases of models that the gate sees together."""
     wrong = {kind: _wrong(kind, _centres(make()), scene.centres) for kind, make in group.items()}
     known: dict[str, dict[tuple[str, ...], Evidence | None]] = {kind: {} for kind in group}
     found = []
-    for without in _VERSIONS if witness else _VERSIONS[:3]:
+    for without in _VERSIONS:
         of = {
             kind: VersionEvidence(
                 pairs=evidence.pairs,
                 keypoints=evidence.keypoints,
                 priors=evidence.priors,
-                witness=evidence.witness,
                 focal_priors=evidence.focal_priors,
                 without=without,
                 known=known[kind],
@@ -164,15 +148,11 @@ def _cases(
             len(_centres(make())),
             len(wrong[kind]),
             _link_share(found[0][k], evidence),
-            _link_share(found[5][k], evidence) if witness else None,
             _depth_error(found[1][k].model, evidence),
             _supports(found[2][k].judged.evidence),
             judged[0][k],
             judged[1][k],
-            judged[3][k] if witness else None,
-            judged[5][k] if witness else None,
             judged[2][k],
-            judged[4][k] if witness else None,
             {name: judgements[k] for name, judgements in open_.items()},
         )
         for k, (kind, make) in enumerate(group.items())
@@ -231,15 +211,10 @@ def wrong_images(found: Centres, truth: Centres) -> set[str]:
 
 
 def _link_share(found: MappedModel, evidence: ModelEvidence) -> float:
-    """The largest share at which no image is loose that the witness, where it was asked, does not connect."""
+    """The largest share at which no image is loose."""
     checks = check_pairs(found.model, evidence.pairs, evidence.keypoints, relative_poses=False)
-    of = found.judged.evidence
-    names = set(registered_names(found.model))
-    asked = names if of is None or of.witness is None else set(of.witness.silent_on_images)
     # The more a link needs, the more images are loose.
-    count = bisect_left(
-        SHARES, True, key=lambda share: bool(Links.of(found.model, checks, share).loose & asked)
-    )
+    count = bisect_left(SHARES, True, key=lambda share: bool(Links.of(found.model, checks, share).loose))
     return SHARES[count - 1] if count else 0.0
 
 

@@ -46,21 +46,16 @@ class Case:
     wrong: int
     link_share: float
     """The largest of ``SHARES`` that leaves no image loosely linked; 0 when all do."""
-    witness_link_share: float | None
-    """The same of images that the witness does not connect, either."""
     depth_error: float
     """The smallest of ``DEPTH_ERRORS`` by which depths confirm all distances; infinite when none does."""
     supports: dict[str, float | None]
     """Match, rotation and translation support by the names of their settings."""
     before: Judged
     pairs: Judged
-    pairs_witness: Judged | None
-    unlinked_witness: Judged | None
-    """The gate with the witness, without links and depths."""
-    without: Judged
-    witness: Judged | None
+    present: Judged
+    """By the gates of ADR 2 and 27 and the present one."""
     open: dict[str, Judged]
-    """By the present gate without the witness, when one of the thresholds of support is zero."""
+    """By the present gate, when one of the thresholds of support is zero."""
 
 
 @dataclass(frozen=True)
@@ -117,13 +112,6 @@ def thresholds() -> list[Threshold]:
             lambda case: case.before if case.mapped else None,
         ),
         Threshold(
-            "least share of linked features, with the witness",
-            MIN_LINK_SHARE,
-            SHARES,
-            lambda case: case.witness_link_share or 0.0,
-            lambda case: case.unlinked_witness if case.mapped else None,
-        ),
-        Threshold(
             "greatest error of depths",
             MAX_DEPTH_ERROR,
             DEPTH_ERRORS,
@@ -155,21 +143,18 @@ def _opened(name: str, case: Case) -> Judged:
 
 def summary(cases: Sequence[Case]) -> list[dict[str, object]]:
     """False accepts, doubts and refusals of every version of the gate, scene by scene."""
-    versions: dict[str, Callable[[Case], Judged | None]] = {
+    versions: dict[str, Callable[[Case], Judged]] = {
         "ADR 2": lambda case: case.before,
-        "ADR 27, no witness": lambda case: case.pairs,
-        "ADR 27, witness": lambda case: case.pairs_witness,
-        "now, no witness": lambda case: case.without,
-        "now, witness": lambda case: case.witness,
+        "ADR 27": lambda case: case.pairs,
+        "now": lambda case: case.present,
     }
     rows = []
     for scene in (*_scenes(cases), "all"):
         for name, judged in versions.items():
             of = [(case, judged(case)) for case in cases if scene in (case.scene, "all")]
-            seen = [(case, one) for case, one in of if one is not None]
-            sound = [one for case, one in seen if case.wrong == 0]
-            bad = [one for case, one in seen if case.wrong > 0]
-            if seen:
+            sound = [one for case, one in of if case.wrong == 0]
+            bad = [one for case, one in of if case.wrong > 0]
+            if of:
                 rows.append(
                     {
                         "scene": scene,

@@ -10,26 +10,6 @@ GIVEN = "given"
 """Used instead of a mapper's name when the poses were given."""
 
 
-class WitnessEvidence(Record):
-    """Evidence from matches of other features, which no mapper used."""
-
-    pairs: int
-    """Verified pairs whose two images are both in the model."""
-
-    matches: int
-    match_support: float | None
-    """Share of the matches that fit the poses; like the next two, None without matches."""
-
-    rotation_support: float | None
-    translation_support: float | None
-
-    contradicted_images: tuple[str, ...]
-    """Images of which most matches with the rest of the model contradict their poses."""
-
-    silent_on_images: tuple[str, ...]
-    """Images that hardly any matches connect with the rest of the model."""
-
-
 class Evidence(Record):
     """Evidence for a model's poses from the two-view geometries, which do not depend on the model."""
 
@@ -80,9 +60,6 @@ class Evidence(Record):
 
     prior_support: float | None
     """Share of the pairs (weighted by matches) whose own baselines fit the position priors."""
-
-    witness: WitnessEvidence | None
-    """None where the witness was not used: it is not installed, or position priors confirm the model."""
 
 
 class CandidateReport(Record):

@@ -153,9 +153,6 @@ class SfmSettings(Record):
     The other one runs unless the gate accepts the first one's model, of nearly all images, by itself.
     """
 
-    witness: bool = True
-    """Verify models without confirming position priors with ALIKED features, if installed."""
-
     gate: GateSettings = GateSettings()
     growth: GrowthSettings = GrowthSettings()
     seed: int = Field(default=0, ge=0)

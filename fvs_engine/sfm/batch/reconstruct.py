@@ -33,7 +33,7 @@ from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, ComponentReport, SfmReport
 from fvs_engine.sfm.settings import MapperName, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
-from fvs_engine.sfm.verification.gate import Decision, contradictions_of_priors, decide, unsupported_images
+from fvs_engine.sfm.verification.gate import Decision, contradictions_of_priors, decide
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 _MIN_IMAGES = 2
@@ -89,7 +89,7 @@ def _reconstruct(
         return finished
     extract_features(stages, image_dir, names)
     match_features(stages, names, priors)
-    evidence = read_model_evidence(stages, priors, image_dir)
+    evidence = read_model_evidence(stages, priors)
     mapped = map_images(stages, image_dir, len(names), evidence)
     decision = decide([each.judged for each in mapped], stages.settings.gate)
     return _conclude(stages, names, mapped, decision)
@@ -218,7 +218,7 @@ def model_warnings(names: Sequence[str], chosen: MappedModel) -> list[str]:
             "show hardly any point of the model. Photograph what connects them with the others."
         )
     evidence = chosen.judged.evidence
-    if weak := [] if evidence is None else unsupported_images(evidence):
+    if weak := [] if evidence is None else list(evidence.unsupported_images):
         warnings.append(f"The poses of {listed(weak)} are weakly supported.")
     return warnings
 

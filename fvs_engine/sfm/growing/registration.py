@@ -7,7 +7,6 @@ from typing import Any
 from fvs_engine.sfm.answers import GuidedRegistration
 from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.state import GrowthState
-from fvs_engine.sfm.matching.witness import ask_witness
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import Stages, fresh_folder
 from fvs_engine.sfm.verification.gate import few_matches, two_places, unknown_distance
@@ -28,15 +27,14 @@ def register(
 ) -> ModelChange:
     """Register those of ``names`` whose matches support a pose in ``model_dir``; writes ``out_dir``.
 
-    A pose that ``priors`` contradict is rejected, too, or one that the witness contradicts where priors are
-    missing or not ``informative``. ``guided``: images to match first, guided by their priors → the registered
-    images they should overlap.
+    A pose that ``priors`` contradict is rejected, too; only where they are ``informative`` do they confirm
+    one. ``guided``: images to match first, guided by their priors → the registered images they should
+    overlap.
     """
     if not names:
         return ModelChange(state)
     settings = stages.settings
     without = [name for name in names if not informative or name not in priors.by_name]
-    asked = ask_witness(stages, image_dir, without) if without else None
     stages.monitor.report("registration", 0, len(names))
     with stages.timed("registration"):
         answer = stages.native_over(
@@ -52,7 +50,6 @@ def register(
                 "refine": settings.intrinsics is None,
                 "lens": settings.camera_model is None,
                 "priors": priors.model_dump(mode="json"),
-                "witness": None if asked is None else str(stages.folder.witness),
                 "min_image_support": settings.growth.min_image_support,
                 "adjust_every": settings.growth.adjust_every,
                 "adjusted_images": state.adjusted_images,

@@ -118,7 +118,7 @@ def _map_all(
     names = stages.open(
         image_dir, list(state.images), 2, growing=True
     )  # deletes the mappers' models of fewer images
-    evidence = read_model_evidence(stages, priors, image_dir)
+    evidence = read_model_evidence(stages, priors)
     return names, evidence, map_images(stages, image_dir, len(names), evidence)
 
 

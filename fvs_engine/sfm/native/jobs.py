@@ -251,7 +251,6 @@ def find_job(name: str) -> Callable[..., Any]:
     """The job of that name; some are imported here because their imports would slow down every other job."""
     if name in JOBS:
         return JOBS[name]
-    from fvs_engine.sfm.native.aliked import extract_aliked, match_aliked
     from fvs_engine.sfm.native.guided import register_guided
     from fvs_engine.sfm.native.localisation import copy_features, localise
     from fvs_engine.sfm.native.registration import register
@@ -264,8 +263,6 @@ def find_job(name: str) -> Callable[..., Any]:
         "localise": localise,
         "copy_features": copy_features,
         "veto": veto,
-        "extract_aliked": extract_aliked,
-        "match_aliked": match_aliked,
         "two_view_points": two_view_points,
     }
     return others[name]

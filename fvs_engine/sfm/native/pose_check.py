@@ -1,4 +1,4 @@
-"""Check of the pose estimated for one image: against its verified matches, the witness's, and its prior."""
+"""Check of the pose estimated for one image: against its verified matches and its prior."""
 
 from collections.abc import Collection, Mapping, Sequence, Set
 from dataclasses import dataclass, field
@@ -12,16 +12,9 @@ from fvs_engine.sfm.colmap.database import VerifiedPair, read_keypoints, read_ve
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.conflicting_views import conflicting_views
 from fvs_engine.sfm.verification.links import Links
-from fvs_engine.sfm.verification.pair_check import (
-    EXPLAINED,
-    MIN_PAIR_MATCHES,
-    PairCheck,
-    check_pairs,
-    explains,
-)
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, PairCheck, check_pairs, explains
 from fvs_engine.sfm.verification.positions import misplaced
 from fvs_engine.sfm.verification.scale import Scale, depth_ratios
-from fvs_engine.sfm.verification.witness import WitnessMatches
 
 Keypoints = Mapping[int, NDArray[np.float64]]
 
@@ -36,15 +29,13 @@ _MOST_NEAR = 12
 class PoseCheck:
     """Verified pairs, keypoints by image id and position priors, none of which depends on the model.
 
-    ``min_image_support``: share of an image's matches that its pose must explain. ``witness``: matches of
-    other features, with the ids of the model's images; None without.
+    ``min_image_support``: share of an image's matches that its pose must explain.
     """
 
     pairs: Sequence[VerifiedPair]
     keypoints: Keypoints
     min_image_support: float
     priors: PosePriors
-    witness: WitnessMatches | None = None
     _scales: dict[tuple[_Camera, ...], Scale] = field(default_factory=dict)
     """The cameras of the last check of depths → its result: a pose is often checked twice."""
 
@@ -53,19 +44,16 @@ class PoseCheck:
         database: str,
         min_image_support: float,
         priors: PosePriors,
-        witness: str | None = None,
         around: Collection[str] | None = None,
     ) -> "PoseCheck":
-        """Read the pairs and keypoints of a database, and of the ``witness``'s.
+        """Read the pairs and keypoints of a database.
 
         ``around``: the images whose poses will be checked; only their pairs, and those of images that match
         them, are read.
         """
         pairs = read_verified_pairs(Path(database), MIN_PAIR_MATCHES, around)
         ids = {image_id for pair in pairs for image_id in (pair.first, pair.second)}
-        keypoints = read_keypoints(Path(database), ids)
-        other = None if witness is None else WitnessMatches.read(Path(witness))
-        return PoseCheck(pairs, keypoints, min_image_support, priors, other)
+        return PoseCheck(pairs, read_keypoints(Path(database), ids), min_image_support, priors)
 
     def contradiction(self, model: pycolmap.Reconstruction, image_id: int) -> str | None:
         """What contradicts the pose of an image in ``model``, None if nothing does."""
@@ -74,12 +62,6 @@ class PoseCheck:
         supported = sum(check.supported for check in checks)
         if not any(explains(check) for check in checks) or supported < self.min_image_support * matches:
             return f"{supported} of its {matches} verified matches fit its estimated pose"
-        if self.witness is not None:
-            checks = _checks_of(image_id, model, self.witness.pairs, self.witness.keypoints)
-            matches = sum(check.matches for check in checks)
-            supported = sum(check.supported for check in checks)
-            if supported < EXPLAINED * matches:
-                return f"{supported} of its {matches} matches of ALIKED features fit its estimated pose"
         name = model.image(image_id).name
         if name in self._scale(model, {image_id}).contradicted:
             return "features seen in three images contradict its distance to the others"
@@ -97,13 +79,8 @@ class PoseCheck:
         return sum(check.supported for check in checks) / matches if matches > 0 else None
 
     def loosely_linked(self, model: pycolmap.Reconstruction) -> frozenset[str]:
-        """The images that only pairs of few matches, and no pairs of the witness, connect with the rest."""
-        loose = Links.of(model, check_pairs(model, self.pairs, self.keypoints, relative_poses=False)).loose
-        if self.witness is None or not loose:
-            return loose
-        witness = self.witness
-        links = Links.of(model, check_pairs(model, witness.pairs, witness.keypoints, relative_poses=False))
-        return loose & (links.unconnected | links.contradicted)
+        """The images that only pairs of few matches connect with the rest."""
+        return Links.of(model, check_pairs(model, self.pairs, self.keypoints, relative_poses=False)).loose
 
     def unscaled(self, model: pycolmap.Reconstruction, names: Sequence[str]) -> list[str]:
         """Those of the registered images ``names`` whose distance to their neighbours nothing confirms."""

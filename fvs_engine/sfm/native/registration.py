@@ -63,7 +63,6 @@ def register(
     refine: bool,
     lens: bool,
     priors: dict[str, Any],
-    witness: str | None,
     min_image_support: float,
     adjust_every: float,
     adjusted_images: int,
@@ -74,8 +73,8 @@ def register(
 ) -> Registration:
     """Register ``names`` in the model as far as possible; writes the new model to ``out_dir``.
 
-    ``refine`` and ``lens`` as for ``RobustAdjustment``. ``priors`` are ``PosePriors`` as JSON, ``witness`` is
-    the witness's database. ``two_view_points``: triangulate points that only two images show, too.
+    ``refine`` and ``lens`` as for ``RobustAdjustment``. ``priors`` are ``PosePriors`` as JSON.
+    ``two_view_points``: triangulate points that only two images show, too.
     """
     pycolmap.set_random_seed(seed)
     model = pycolmap.Reconstruction(model_dir)
@@ -85,7 +84,7 @@ def register(
         model,
         load_around(Path(database), images, names, model),
         _pipeline_options(refine, seed, threads, two_view_points),
-        PoseCheck.read(database, min_image_support, PosePriors.model_validate(priors), witness, around=names),
+        PoseCheck.read(database, min_image_support, PosePriors.model_validate(priors), around=names),
         database=Path(database),
         names=images,
         lens=lens,

@@ -12,7 +12,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.pose_priors import PosePriors
-from fvs_engine.sfm.report import Evidence, WitnessEvidence
+from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.verification.conflicting_views import conflicting_views
 from fvs_engine.sfm.verification.focal_lengths import unlikely_focal_lengths
 from fvs_engine.sfm.verification.links import Links
@@ -26,12 +26,6 @@ Array = NDArray[np.float64]
 _MAX_ROTATION_DEG = 5.0
 _MAX_DIRECTION_DEG = 15.0
 _MAX_TRIPLETS = 20_000
-
-MIN_CONTRADICTING_SHARE = 0.04
-"""Share of a pair's features that match from which on the witness's pair can contradict poses.
-
-Look-alikes have fewer. See ``docs/adr/0042-images-that-nothing-holds.md`` for the measurements behind it.
-"""
 
 
 def gather_evidence(
@@ -77,34 +71,6 @@ def gather_evidence(
             {image.image_id: image.cam_from_world().rotation.matrix().T for image in posed},
             priors,
         ),
-        witness=None,
-    )
-
-
-def gather_witness_evidence(
-    model: pycolmap.Reconstruction,
-    pairs: Sequence[VerifiedPair],
-    keypoints: Mapping[int, Array],
-    on_pair: Callable[[], None] | None = None,
-) -> WitnessEvidence:
-    """The evidence for ``model`` from pairs and keypoints [K, 2] (px, by image id) that no mapper used.
-
-    ``on_pair`` is called before each pair and may raise to stop.
-    """
-    checks = check_pairs(model, pairs, keypoints, on_pair=on_pair)
-    links = Links.of(model, checks)
-    strong = [check for check in checks if check.matches >= MIN_CONTRADICTING_SHARE * check.features]
-    contradicted = Links.of(model, strong).contradicted
-    # It does not vouch for images that only its pairs of few matches contradict.
-    silent = (links.unconnected | links.contradicted) - contradicted
-    return WitnessEvidence(
-        pairs=len(checks),
-        matches=sum(check.matches for check in checks),
-        match_support=_match_support(checks) if checks else None,
-        rotation_support=_rotation_support(checks),
-        translation_support=_translation_support(checks),
-        contradicted_images=tuple(sorted(contradicted)),
-        silent_on_images=tuple(sorted(silent)),
     )
 
 

@@ -44,15 +44,11 @@ _CLOSE_SUPPORT = 0.01
 
 @dataclass(frozen=True, eq=False)
 class JudgedModel:
-    """Input of the gate for one model: camera centres by image name, and evidence.
-
-    ``contradicted``: images that are no longer in it, because the witness contradicts their poses.
-    """
+    """Input of the gate for one model: camera centres by image name, and evidence."""
 
     mapper: str
     centres: Mapping[str, NDArray[np.float64]]
     evidence: Evidence | None
-    contradicted: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -76,13 +72,11 @@ class Decision:
 def decide(models: Sequence[JudgedModel], settings: GateSettings) -> Decision:
     """Judge every model and choose the best supported one that is not rejected.
 
-    A model is accepted on its own evidence. One with slightly too little evidence is accepted if the
-    witness confirms it, and doubtful (usable with a warning) if another mapper or GPS agrees with it: a
-    repeated pattern rarely causes the same errors in both. One from which images were left out because the
-    witness contradicts them is doubtful unless the witness or GPS confirms the rest. One with loosely linked
-    images is doubtful unless the witness or GPS confirms it; one with distances that no features seen in
-    three images determine, or with conflicting views, is doubtful unless GPS confirms it. Among accepted ones
-    that disagree, the better supported is chosen; a tie makes it doubtful.
+    A model is accepted on its own evidence. One with slightly too little evidence is doubtful (usable with a
+    warning) if another mapper or GPS agrees with it: a repeated pattern rarely causes the same errors in
+    both. One with loosely linked images, with distances that no features seen in three images determine, or
+    with conflicting views, is doubtful unless GPS confirms it. Among accepted ones that disagree, the better
+    supported is chosen; a tie makes it doubtful.
     """
     agreements = tuple(
         agreement
@@ -144,7 +138,7 @@ def _judge(model: JudgedModel, agreements: Sequence[Agreement], settings: GateSe
             f"Only {evidence.rotation_support:.1%} of the independent relative rotations agree with it."
         )
     images = len(model.centres)
-    unsupported, contradicted = unsupported_images(evidence), contradicted_images(evidence)
+    unsupported = evidence.unsupported_images
     many_unsupported = len(unsupported) > MAX_UNSUPPORTED_SHARE * images
     unsupported_shown = f"Matches contradict the poses of {_counted(unsupported, images)}."
     if many_unsupported and len(_unconfirmed(evidence, unsupported)) > MAX_UNSUPPORTED_SHARE * images:
@@ -152,19 +146,12 @@ def _judge(model: JudgedModel, agreements: Sequence[Agreement], settings: GateSe
     misscaled = evidence.misscaled_images
     if len(misscaled) > MAX_UNSUPPORTED_SHARE * images:
         rejections.append(wrong_distance(misscaled))
-    if not can_be_left_out(len(contradicted), images):
-        rejections.append(
-            f"Matches of ALIKED features contradict the poses of {_counted(contradicted, images)}."
-        )
     if not priors_are_wrong(evidence):
         rejections += contradictions_of_priors(evidence, images, settings)
     if rejections:
         return Judgement("rejected", tuple(rejections))
     doubts = _doubts_beyond_pairs(evidence)
-    confirmed = _witness_confirms(evidence, images, settings)
-    if confirmed and not doubts:
-        return Judgement("accepted", (support, "Matches of ALIKED features confirm it."))
-    weaknesses = [] if confirmed else _weaknesses(evidence, settings)
+    weaknesses = _weaknesses(evidence, settings)
     confirmation = _confirmation(model.mapper, evidence, agreements, settings)
     if weaknesses and confirmation is None:
         return Judgement("rejected", (*weaknesses, "Neither another mapper nor GPS confirms it."))
@@ -174,12 +161,7 @@ def _judge(model: JudgedModel, agreements: Sequence[Agreement], settings: GateSe
         return Judgement("doubtful", doubts)
     if many_unsupported:
         return Judgement("doubtful", (f"{unsupported_shown} Only their positions confirm them.",))
-    if contradicted:
-        doubt = f"Matches of ALIKED features contradict the poses of {listed(contradicted)}."
-        return Judgement("doubtful", (doubt,))
-    if model.contradicted and not confirmed and not priors_confirm(evidence):
-        return Judgement("doubtful", (_unconfirmed_rest(model.contradicted),))
-    if loose := _unconfirmed(evidence, loose_images(evidence)):
+    if loose := _unconfirmed(evidence, evidence.loosely_linked_images):
         return Judgement("doubtful", (few_matches(loose),))
     return Judgement("accepted", (support,))
 
@@ -201,7 +183,7 @@ def _weaknesses(evidence: Evidence, settings: GateSettings) -> list[str]:
 
 
 def _doubts_beyond_pairs(evidence: Evidence) -> tuple[str, ...]:
-    """Doubts that no matches can show, not even the witness's: what is missing, distances, focal lengths."""
+    """Doubts that no pair of images can show: what is missing, distances, focal lengths."""
     doubts = []
     if evidence.misscaled_images:
         doubts.append(wrong_distance(evidence.misscaled_images))
@@ -214,37 +196,9 @@ def _doubts_beyond_pairs(evidence: Evidence) -> tuple[str, ...]:
     return tuple(doubts)
 
 
-def unsupported_images(evidence: Evidence) -> list[str]:
-    """The images that the matches do not connect with the rest, without those that the witness connects."""
-    witness = evidence.witness
-    if witness is None:
-        return list(evidence.unsupported_images)
-    open_ = {*witness.silent_on_images, *witness.contradicted_images}
-    return [name for name in evidence.unsupported_images if name in open_]
-
-
-def contradicted_images(evidence: Evidence) -> tuple[str, ...]:
-    """The images whose poses the witness contradicts."""
-    return () if evidence.witness is None else evidence.witness.contradicted_images
-
-
-def can_be_left_out(contradicted: int, images: int) -> bool:
-    """Whether a model of so many images remains usable without those that the witness contradicts."""
-    if contradicted == 0:
-        return True
-    return contradicted <= MAX_MISPLACED_SHARE * images and images - contradicted >= MIN_SHARED_IMAGES
-
-
-def loose_images(evidence: Evidence) -> list[str]:
-    """The images that only pairs of few matches connect with the rest, without those the witness connects.
-
-    Look-alike places are connected like that, whatever share of the matches fits; so are views far from all
-    others.
-    """
-    witness = evidence.witness
-    if witness is None:
-        return list(evidence.loosely_linked_images)
-    return [name for name in evidence.loosely_linked_images if name in witness.silent_on_images]
+def can_be_left_out(some: int, images: int) -> bool:
+    """Whether a model of so many images remains usable without ``some`` of them."""
+    return some <= MAX_MISPLACED_SHARE * images and images - some >= MIN_SHARED_IMAGES
 
 
 def few_matches(names: Sequence[str]) -> str:
@@ -278,14 +232,6 @@ def two_places(pairs: Sequence[tuple[str, str]]) -> str:
     )
 
 
-def _unconfirmed_rest(contradicted: Sequence[str]) -> str:
-    """Why a model is doubtful of which only a part was left out, and the remedy."""
-    return (
-        f"Matches of ALIKED features contradicted the poses of {listed(contradicted)}, and do not confirm "
-        "the remaining poses. Take photographs in between."
-    )
-
-
 def _unlikely_focal(focal_px: Sequence[float]) -> str:
     """Why the depths of a model are doubtful, and the remedy."""
     shown = ", ".join(f"{focal:.0f}" for focal in focal_px)
@@ -293,23 +239,6 @@ def _unlikely_focal(focal_px: Sequence[float]) -> str:
         f"The estimated focal length, {shown} px, is implausible or contradicts EXIF. A flat scene seen "
         "head-on does not determine it: photograph it from the side, too, or give the camera's calibration."
     )
-
-
-def _witness_confirms(evidence: Evidence, images: int, settings: GateSettings) -> bool:
-    """Whether the witness connects all images that need it, with shares typical of a right model."""
-    witness = evidence.witness
-    if witness is None or witness.match_support is None:
-        return False
-    if witness.contradicted_images or loose_images(evidence):
-        return False
-    if len(witness.silent_on_images) > MAX_UNSUPPORTED_SHARE * images:
-        return False
-    shares = (
-        (witness.match_support, settings.min_match_support),
-        (witness.rotation_support, settings.min_rotation_support),
-        (witness.translation_support, settings.min_translation_support),
-    )
-    return all(share is not None and share >= least for share, least in shares)
 
 
 def priors_are_wrong(evidence: Evidence) -> bool:
@@ -347,16 +276,6 @@ def priors_confirm(evidence: Evidence) -> bool:
     """Whether the position priors are evidence, and the camera centres fit them well."""
     residual = None if priors_are_wrong(evidence) else evidence.prior_residual_share
     return residual is not None and residual <= _CONFIRMING_PRIOR_SHARE
-
-
-def priors_suffice(evidence: Evidence) -> bool:
-    """Whether position priors confirm the model, and all images that too few matches connect with it.
-
-    Where matches contradict an image, its position does not suffice: it says nothing of the orientation.
-    """
-    weak = (*evidence.loosely_linked_images, *evidence.unscaled_images)
-    confirmed = priors_confirm(evidence) and not _unconfirmed(evidence, weak)
-    return confirmed and not evidence.unsupported_images
 
 
 def _unconfirmed(evidence: Evidence, names: Sequence[str]) -> list[str]:

@@ -14,7 +14,8 @@ from fvs_engine.sfm.verification.pair_check import EXPLAINED, MIN_PAIR_MATCHES, 
 MIN_LINK_SHARE = 0.03
 """Share of a pair's features that match and fit the poses from which on it is no look-alike pair.
 
-See ``docs/adr/0027-a-witness-for-models-without-priors.md`` for the measurements behind it.
+By the weakest link that joins them with the rest, wrong images of *fox* have shares of 0.003 to 0.018, those
+of *bonsai* of 0.003 to 0.030, and right images of *fox* that are far from all others of 0.018 to 0.04.
 """
 
 

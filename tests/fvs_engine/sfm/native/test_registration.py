@@ -47,7 +47,6 @@ def test_an_image_is_rejected_after_the_camera_got_its_lens(
         refine=True,
         lens=True,
         priors=PosePriors(by_name=priors).model_dump(mode="json"),
-        witness=None,
         min_image_support=0.75,
         adjust_every=0.1,
         adjusted_images=MIN_IMAGES_OF_LENS - 1,

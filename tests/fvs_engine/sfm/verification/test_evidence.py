@@ -1,6 +1,3 @@
-from types import SimpleNamespace
-from typing import Any
-
 import numpy as np
 import pytest
 from hypothesis import given
@@ -8,8 +5,7 @@ from hypothesis import strategies as st
 from scipy.spatial.transform import Rotation
 
 from fvs_engine.geometry import RigidTransform
-from fvs_engine.sfm.verification import evidence
-from fvs_engine.sfm.verification.evidence import cycle_consistency, gather_witness_evidence
+from fvs_engine.sfm.verification.evidence import cycle_consistency
 from fvs_engine.sfm.verification.pair_check import PairCheck, angle_deg, supported
 
 
@@ -56,18 +52,3 @@ def test_cycles_close_or_do_not():
     assert cycle_consistency(triplet(4.0)) == 1.0
     assert cycle_consistency(triplet(6.0)) == 0.0
     assert cycle_consistency(triplet(0.0)[:2]) is None
-
-
-@pytest.mark.parametrize(("matches", "contradicted"), [(79, ()), (80, ("4",))])
-def test_the_witness_contradicts_by_pairs_of_enough_matches_alone(
-    matches: int, contradicted: tuple[str, ...], monkeypatch: pytest.MonkeyPatch
-):
-    """A look-alike has few matches for its features; the witness does not vouch for the image, either."""
-    chain = [PairCheck(i, i + 1, 900, 890, 2000, 0.0, 0.0) for i in range(3)]
-    checks = [*chain, PairCheck(3, 4, 100, 100, 2000, 0.0, 0.0)]
-    checks += [PairCheck(i, 4, matches, 0, 2000, 0.0, 0.0) for i in range(3)]
-    monkeypatch.setattr(evidence, "check_pairs", lambda *_, **__: checks)
-    model: Any = SimpleNamespace(images={i: SimpleNamespace(name=str(i), has_pose=True) for i in range(5)})
-    found = gather_witness_evidence(model, (), {})
-    assert found.contradicted_images == contradicted
-    assert found.silent_on_images == (() if contradicted else ("4",))

@@ -1,6 +1,5 @@
 """The gate on evidence made by hand, and on a real model whose poses were spoilt as a mapper would."""
 
-from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -13,11 +12,10 @@ from fvs_engine.sfm.batch.mapping import MappedModel, ModelEvidence
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import read_keypoints, read_verified_pairs
 from fvs_engine.sfm.pose_priors import PosePriors
-from fvs_engine.sfm.report import Evidence, WitnessEvidence
+from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import GateSettings
-from fvs_engine.sfm.verification.gate import PRIORS_IGNORED, Decision, JudgedModel, decide, priors_suffice
+from fvs_engine.sfm.verification.gate import PRIORS_IGNORED, Decision, JudgedModel, decide
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
-from fvs_engine.sfm.verification.witness import WitnessMatches
 
 SETTINGS = GateSettings()
 NAMES = [f"{i}.jpg" for i in range(12)]
@@ -40,7 +38,6 @@ def evidence(**changes: object) -> Evidence:
         misplaced_images=(),
         prior_residual_share=None,
         prior_support=None,
-        witness=None,
     )
     return Evidence.model_validate(good.model_dump() | changes)
 
@@ -172,19 +169,6 @@ def test_priors_that_the_pairs_contradict_confirm_no_model():
     assert decide([model("incremental", prior_support=0.3, **weak)], SETTINGS).chosen is None
 
 
-def witness(**changes: object) -> WitnessEvidence:
-    agrees = WitnessEvidence(
-        pairs=40,
-        matches=4000,
-        match_support=0.97,
-        rotation_support=0.95,
-        translation_support=0.95,
-        contradicted_images=(),
-        silent_on_images=(),
-    )
-    return agrees.model_copy(update=changes)
-
-
 FEW = tuple(NAMES[:2])
 """Images that few matches link to the rest."""
 
@@ -195,9 +179,8 @@ def test_images_that_few_matches_join_are_doubtful_and_need_no_second_mapper():
     assert "0.jpg, 1.jpg" in decision.warnings[0]
 
 
-@pytest.mark.parametrize("confirmation", [{"witness": witness()}, {"prior_residual_share": 0.05}])
-def test_the_witness_or_gps_ends_the_doubt_about_few_matches(confirmation: dict[str, object]):
-    decision = decide([model("incremental", loosely_linked_images=FEW, **confirmation)], SETTINGS)
+def test_gps_ends_the_doubt_about_few_matches():
+    decision = decide([model("incremental", loosely_linked_images=FEW, prior_residual_share=0.05)], SETTINGS)
     assert decision.judgements[0].verdict == "accepted"
 
 
@@ -209,89 +192,24 @@ def test_gps_says_nothing_of_images_without_it(weakness: str):
     assert decision.judgements[0].verdict == "doubtful"
     assert "1.jpg" in decision.warnings[0]
     assert "0.jpg" not in decision.warnings[0]
-    assert not priors_suffice(evidence(**gps, **{weakness: FEW}))
-    assert priors_suffice(evidence(**gps, **{weakness: FEW[:1]}))
-    assert priors_suffice(evidence(**gps))
+    decision = decide([model("incremental", **gps, **{weakness: FEW[:1]})], SETTINGS)
+    assert decision.judgements[0].verdict == "accepted"
 
 
-def test_images_that_matches_contradict_are_doubtful_where_gps_confirms_them_and_right_by_the_witness():
+def test_images_that_matches_contradict_are_doubtful_where_gps_confirms_them():
     """As of 20 views, all right, of a wall with a repeated pattern: matches contradicted four of them."""
     gps = {"prior_residual_share": 0.03, "unsupported_images": NAMES[:4]}
-    assert not priors_suffice(evidence(**gps))
     (judgement,) = decide([model("incremental", **gps)], SETTINGS).judgements
     assert judgement.verdict == "doubtful"
     assert "4 of its" in judgement.reasons[0]
-    confirmed = decide([model("incremental", witness=witness(), **gps)], SETTINGS)
-    assert confirmed.judgements[0].verdict == "accepted"
     elsewhere = decide([model("incremental", images_without_prior=NAMES[:4], **gps)], SETTINGS)
     assert elsewhere.judgements[0].verdict == "rejected"
     far = decide([model("incremental", **gps | {"prior_residual_share": 0.15})], SETTINGS)
     assert far.judgements[0].verdict == "rejected"
 
 
-def test_a_witness_that_is_silent_about_them_does_not():
-    silent = witness(silent_on_images=FEW[:1])
-    decision = decide([model("incremental", loosely_linked_images=FEW, witness=silent)], SETTINGS)
-    assert decision.judgements[0].verdict == "doubtful"
-    assert "0.jpg with" in decision.warnings[0]
-
-
-def test_the_witness_confirms_a_right_model_with_weak_directions_alone():
-    """The evidence of a correct model of twelve far-spread views of a real scene (errors up to 0.6 %)."""
-    weak = {"match_support": 0.93, "translation_support": 0.786}
-    assert decide([model("incremental", **weak)], SETTINGS).chosen is None
-    confirmed = decide([model("incremental", witness=witness(), **weak)], SETTINGS)
-    assert confirmed.judgements[0].verdict == "accepted"
-    as_weak = witness(translation_support=0.7)
-    assert decide([model("incremental", witness=as_weak, **weak)], SETTINGS).chosen is None
-
-
-def test_images_that_the_witness_connects_are_not_unsupported():
-    """A seam of false pairs beside right ones: four of twenty views of a real scene, all right."""
-    seam = {"unsupported_images": tuple(NAMES[:3])}
-    assert decide([model("incremental", **seam)], SETTINGS).chosen is None
-    decision = decide([model("incremental", witness=witness(), **seam)], SETTINGS)
-    assert decision.judgements[0].verdict == "accepted"
-    silent = witness(silent_on_images=tuple(NAMES[:3]))
-    assert decide([model("incremental", witness=silent, **seam)], SETTINGS).chosen is None
-
-
-def test_a_model_of_which_the_witness_contradicts_too_much_is_rejected():
-    decision = decide([model("incremental", witness=witness(contradicted_images=tuple(NAMES[:5])))], SETTINGS)
-    assert decision.chosen is None
-    assert "ALIKED features contradict the poses of 5" in decision.judgements[0].reasons[0]
-
-
-def test_images_that_the_witness_contradicts_and_that_stay_make_a_model_doubtful():
-    decision = decide([model("incremental", witness=witness(contradicted_images=FEW))], SETTINGS)
-    assert decision.judgements[0].verdict == "doubtful"
-    assert "contradict the poses of 0.jpg, 1.jpg" in decision.warnings[0]
-
-
-@pytest.mark.parametrize(
-    ("changes", "verdict"),
-    [
-        ({"witness": witness()}, "accepted"),
-        ({"witness": witness(match_support=0.88)}, "doubtful"),
-        ({"witness": witness(silent_on_images=tuple(NAMES[3:6]))}, "doubtful"),
-        ({"witness": witness(match_support=0.88), "prior_residual_share": 0.05}, "accepted"),
-    ],
-)
-def test_once_the_witness_has_contradicted_images_it_must_confirm_the_rest(
-    changes: dict[str, object], verdict: str
-):
-    """As of a model of which five images were wrong and it contradicted two."""
-    given = model("incremental", **changes)
-    assert decide([given], SETTINGS).judgements[0].verdict == "accepted"
-    decision = decide([replace(given, contradicted=("a.jpg", "b.jpg"))], SETTINGS)
-    assert decision.judgements[0].verdict == verdict
-    assert ("a.jpg, b.jpg, and do not confirm the remaining" in " ".join(decision.warnings)) == (
-        verdict == "doubtful"
-    )
-
-
 def test_a_model_with_distances_that_depths_contradict_is_never_accepted():
-    many = decide([model("incremental", misscaled_images=NAMES[:3], witness=witness())], SETTINGS)
+    many = decide([model("incremental", misscaled_images=NAMES[:3])], SETTINGS)
     assert many.chosen is None
     assert "contradict the distance of 0.jpg, 1.jpg, 2.jpg" in many.judgements[0].reasons[0]
     one = decide([model("incremental", misscaled_images=NAMES[:1], prior_residual_share=0.05)], SETTINGS)
@@ -300,7 +218,7 @@ def test_a_model_with_distances_that_depths_contradict_is_never_accepted():
 
 
 def test_distances_that_nothing_confirms_are_doubtful_unless_gps_does():
-    decision = decide([model("incremental", unscaled_images=FEW, witness=witness())], SETTINGS)
+    decision = decide([model("incremental", unscaled_images=FEW)], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
     assert "Hardly any feature of 0.jpg, 1.jpg is seen in two other images" in decision.warnings[0]
     decision = decide([model("incremental", unscaled_images=FEW, prior_residual_share=0.05)], SETTINGS)
@@ -312,7 +230,7 @@ def test_images_that_should_show_the_same_and_do_not_are_doubtful_unless_gps_con
     without_prior: list[str], verdict: str
 ):
     conflicting = (("0.jpg", "5.jpg"),)
-    decision = decide([model("incremental", conflicting_views=conflicting, witness=witness())], SETTINGS)
+    decision = decide([model("incremental", conflicting_views=conflicting)], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
     assert "0.jpg and 5.jpg should overlap" in decision.warnings[0]
     gps = {"prior_residual_share": 0.05, "images_without_prior": tuple(without_prior)}
@@ -321,7 +239,7 @@ def test_images_that_should_show_the_same_and_do_not_are_doubtful_unless_gps_con
 
 
 def test_an_unlikely_focal_length_is_doubtful_unless_gps_confirms_the_model():
-    decision = decide([model("incremental", unlikely_focal_lengths_px=(96.9,), witness=witness())], SETTINGS)
+    decision = decide([model("incremental", unlikely_focal_lengths_px=(96.9,))], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
     assert "97 px" in decision.warnings[0]
     assert "from the side" in decision.warnings[0]
@@ -332,12 +250,6 @@ def test_an_unlikely_focal_length_is_doubtful_unless_gps_confirms_the_model():
 def test_a_doubt_about_distances_saves_no_weak_model():
     weak = model("incremental", match_support=0.87, unscaled_images=FEW)
     assert decide([weak], SETTINGS).chosen is None
-
-
-def test_two_images_are_not_what_is_left_of_three():
-    three = dict(list(centres().items())[:3])
-    said = evidence(witness=witness(contradicted_images=(NAMES[2],)))
-    assert decide([JudgedModel("incremental", three, said)], SETTINGS).chosen is None
 
 
 def test_a_model_without_verified_pairs_is_rejected():
@@ -351,15 +263,11 @@ def test_agreement_ignores_the_frame():
     assert decision.judgements[0].verdict == "accepted"
 
 
-def examined(model: pycolmap.Reconstruction, folder: Path, *, witness: bool = False) -> MappedModel:
-    """The model and its evidence; with a ``witness`` that has the same matches."""
+def examined(model: pycolmap.Reconstruction, folder: Path) -> MappedModel:
     pairs = read_verified_pairs(folder / "database.db", MIN_PAIR_MATCHES)
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
     keypoints = read_keypoints(folder / "database.db", ids)
-    evidence = ModelEvidence(
-        pairs, keypoints, PosePriors(), lambda: WitnessMatches(pairs, keypoints) if witness else None
-    )
-    return MappedModel.of_models("global", [model], evidence, Monitor())
+    return MappedModel.of_models("global", [model], ModelEvidence(pairs, keypoints, PosePriors()), Monitor())
 
 
 def judge_model(model: pycolmap.Reconstruction, folder: Path) -> tuple[Decision, Evidence]:
@@ -375,17 +283,15 @@ def test_a_healthy_model_passes(kermit_sfm: SfmResult):
     assert found.match_support > 0.98
 
 
-@pytest.mark.parametrize("witness", [False, True])
-def test_a_single_image_that_all_its_pairs_contradict_is_left_out(kermit_sfm: SfmResult, witness: bool):
+def test_a_single_image_that_all_its_pairs_contradict_is_left_out(kermit_sfm: SfmResult):
     model = pycolmap.Reconstruction(kermit_sfm.model_dir)
     last = max(model.images.values(), key=lambda image: image.name)
     quarter = pycolmap.Rigid3d(
         pycolmap.Rotation3d(np.array([0.0, 0.0, np.sqrt(0.5), np.sqrt(0.5)])), np.zeros(3)
     )
     last.frame.set_cam_from_world(last.camera_id, quarter * last.cam_from_world())
-    mapped = examined(model, kermit_sfm.model_dir.parent, witness=witness)
+    mapped = examined(model, kermit_sfm.model_dir.parent)
     assert mapped.left_out == (last.name,)
-    assert mapped.judged.contradicted == ((last.name,) if witness else ())
     assert decide([mapped.judged], SETTINGS).chosen == 0
     assert mapped.judged.evidence is not None
     assert mapped.judged.evidence.match_support > 0.98
