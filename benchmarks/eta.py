@@ -27,12 +27,12 @@ from typing import Any
 import numpy as np
 from fvs_client import Client, EventKind, Job, Scene
 from fvs_client.errors import JobFailedError
+from fvs_service.host.protocol.messages import StageProgress
+from fvs_service.host.worker.progress import PARTS
+from fvs_service.host.worker.remaining_time import RemainingTime
 from fvs_service.jobs.model import JobKind
 from fvs_service.jobs.timing import JobSize, JobTiming
 from fvs_service.serving.running import running_service
-from fvs_service.worker.progress import PARTS
-from fvs_service.worker.protocol.messages import StageProgress
-from fvs_service.worker.remaining_time import RemainingTime
 from measurement import report
 from PIL import Image
 

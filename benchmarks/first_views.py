@@ -17,13 +17,13 @@ from collections import Counter
 from pathlib import Path
 
 import numpy as np
+from fvs_service.host.runner.model_states import ModelState
+from fvs_service.host.runner.ranking import rank_views
 from fvs_service.rankings.generators import generate
 from fvs_service.rankings.model import AroundCurrent, Dataset, Grid, Orbit
 from fvs_service.rankings.port import RankedViews, RankViews
 from fvs_service.rankings.scene_geometry import SceneGeometry
 from fvs_service.snapshots.model import PinholeIntrinsics, SnapshotCameras, SnapshotView
-from fvs_service.worker.runner.model_states import ModelState
-from fvs_service.worker.runner.ranking import rank_views
 from PIL import Image, ImageDraw
 
 from fvs_engine.errors import InvalidInputError

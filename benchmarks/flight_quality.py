@@ -41,9 +41,9 @@ from fvs_engine.geometry import (
 )
 from fvs_engine.geometry.alignment.cameras import align_poses
 from fvs_engine.images.pixels import reduced_size
-from fvs_engine.pipeline.replay import open_replay, write_poses
-from fvs_engine.simulate import SimulatedCamera, courtyard
-from fvs_engine.simulate.scenery import MadeUpScenery, Scenery
+from fvs_engine.lab.simulate import SimulatedCamera, courtyard
+from fvs_engine.lab.simulate.replay import open_replay, write_poses
+from fvs_engine.lab.simulate.scenery import MadeUpScenery, Scenery
 from fvs_engine.splat.metrics import psnr
 from fvs_engine.splat.ply import read_ply
 from fvs_engine.splat.raster import create_rasterizer

@@ -25,8 +25,8 @@ from fvs_client import Client, Job, Scene
 from fvs_service.serving.running import running_service
 from measurement import report
 
+from fvs_engine.lab.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 from fvs_engine.monitor import Monitor
-from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
 _PHOTOGRAPHS = 6
 _SETTINGS = {

@@ -43,8 +43,8 @@ from fvs_service.settings import Settings
 from measurement import report
 from PIL import Image
 
+from fvs_engine.lab.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 from fvs_engine.monitor import Monitor
-from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
 _BYTES = 1_400_000
 _NO_BUDGET = 1_000_000_000

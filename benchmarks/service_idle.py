@@ -28,8 +28,8 @@ from fvs_service.serving.running import GATEWAY, RUNNER, WORKER, RunningService,
 from measurement import report
 from processor_time import own_s
 
+from fvs_engine.lab.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 from fvs_engine.monitor import Monitor
-from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
 _SETTLE_S = 15.0
 _ROLES = {GATEWAY: "gateway", WORKER: "worker", RUNNER: "runner", "multiprocessing": "inspectors"}

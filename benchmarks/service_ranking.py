@@ -38,8 +38,8 @@ from fvs_client import Client, Job, Orbit, Scene, Snapshot
 from fvs_service.serving.running import RunningService, running_service
 from measurement import report
 
+from fvs_engine.lab.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 from fvs_engine.monitor import Monitor
-from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
 _WARM_UP = 10
 _CONNECTED_S = 60.0

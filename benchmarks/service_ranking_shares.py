@@ -30,14 +30,14 @@ from fvs_service.gateway.addresses import Addresses
 from fvs_service.gateway.rest import bodies
 from fvs_service.gateway.rest.middleware import RequestContext
 from fvs_service.gateway.rpc import operations, views
-from fvs_service.gateway.server import run_gateway
+from fvs_service.host.worker.runners import LeasedRunners
 from fvs_service.logs import configure_logging
 from fvs_service.rankings.model import Ranking
 from fvs_service.rankings.service import Rankings
+from fvs_service.serving.gateway import run_gateway
 from fvs_service.serving.running import RunningService, running_service
 from fvs_service.settings import Settings
 from fvs_service.storage.database import Database
-from fvs_service.worker.runners import LeasedRunners
 from measurement import report
 from service_ranking import TRANSPORTS, Rank, photographs_of_a_courtyard, scene_with_model
 

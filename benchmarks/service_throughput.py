@@ -31,8 +31,8 @@ from fvs_service.serving.running import running_service
 from measurement import report
 from processor_time import of_tree_s
 
+from fvs_engine.lab.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 from fvs_engine.monitor import Monitor
-from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
 _SMALL_MODEL = {"FVS_WORKER__INITIAL_ITERATIONS": "300", "FVS_WORKER__LONG_SIDE_PX": "160"}
 _TRAINING = "train"

@@ -8,9 +8,7 @@ from gate_models import Scene
 
 from fvs_engine.choices import LookAlike
 from fvs_engine.geometry import RigidTransform
-from fvs_engine.monitor import Monitor
-from fvs_engine.scene.dataset import read_dataset
-from fvs_engine.simulate import (
+from fvs_engine.lab.simulate import (
     SimulatedCamera,
     courtyard,
     look_around,
@@ -18,6 +16,8 @@ from fvs_engine.simulate import (
     orbit,
     write_photographs,
 )
+from fvs_engine.monitor import Monitor
+from fvs_engine.scene.dataset import read_dataset
 
 _PHOTOGRAPHS = 28
 _SIZE_PX = (720, 540)

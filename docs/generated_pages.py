@@ -20,12 +20,12 @@ Json = dict[str, Any]
 ENGINE_PACKAGES = (
     "pipeline",
     "select",
-    "evaluate",
+    "lab.evaluate",
     "score",
     "splat",
     "scene",
     "sfm",
-    "simulate",
+    "lab.simulate",
     "images",
     "geometry",
 )
@@ -207,10 +207,9 @@ def engine(folder: Path) -> dict[str, str]:
     """Pages of the engine's reference, by path: the modules at its top, and a page for each package."""
     pages = {"reference/engine/index.md": "\n".join(_modules(folder, "fvs_engine"))}
     for package in ENGINE_PACKAGES:
-        summary = (
-            ast.get_docstring(ast.parse((folder / package / "__init__.py").read_text("utf-8"))) or ""
-        ).strip()
-        page = [f"# {package}", "", summary, "", *_modules(folder / package, f"fvs_engine.{package}")]
+        inside = folder / package.replace(".", "/")
+        summary = (ast.get_docstring(ast.parse((inside / "__init__.py").read_text("utf-8"))) or "").strip()
+        page = [f"# {package}", "", summary, "", *_modules(inside, f"fvs_engine.{package}")]
         pages[f"reference/engine/{package}.md"] = "\n".join(page)
     return pages
 
@@ -222,7 +221,7 @@ def _modules(folder: Path, package: str) -> Iterator[str]:
 
 
 def _openapi() -> Json:
-    from fvs_service.gateway.rest.app import create_app
+    from fvs_service.serving.rest_app import create_app
     from fvs_service.settings import Settings
 
     def never(_: Any) -> Any:

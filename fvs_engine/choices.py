@@ -40,16 +40,16 @@ Method = Literal[
 """Selectors, see ``fvs_engine.select.selectors``."""
 
 ProtocolName = Literal["paper", "fisherrf", "nearest5", "travel"]
-"""Protocols of a comparison, see ``fvs_engine.evaluate.protocol``."""
+"""Protocols of a comparison, see ``fvs_engine.lab.evaluate.protocol``."""
 
 ViewGroup = Literal["held-out", "training", "all", "path"]
 """Views of a model that can be rendered together; ``path`` is a smooth path through the training views."""
 
 Firmware = Literal["ardupilot", "px4"]
-"""Autopilots whose MAVLink ``fvs simulate-vehicle`` speaks, see ``fvs_engine.simulate.mavlink.firmware``."""
+"""Autopilots whose MAVLink ``fvs simulate-vehicle`` speaks: ``lab.simulate.mavlink.firmware``."""
 
 LookAlike = Literal["four", "two", "windows"]
-"""Walls of a simulated courtyard that look alike, see ``fvs_engine.simulate.facades``."""
+"""Walls of a simulated courtyard that look alike, see ``fvs_engine.lab.simulate.facades``."""
 
 MAX_VEHICLES = 20
 """Maximum number of vehicles of a fleet."""

@@ -65,19 +65,19 @@ _PROCESS_FILES = (
     "fvs_service/test_serve.py",
     "fvs_service/test_stop_signals.py",
     "fvs_service/test_tracing.py",
-    "fvs_service/worker/test_gpu_slots.py",
-    "fvs_service/worker/test_lease_watch.py",
-    "fvs_service/worker/test_async_connection.py",
-    "fvs_service/worker/test_listener.py",
-    "fvs_service/worker/test_protocol.py",
-    "fvs_service/worker/test_queue.py",
+    "fvs_service/host/test_gpu_slots.py",
+    "fvs_service/host/test_lease_watch.py",
+    "fvs_service/host/test_async_connection.py",
+    "fvs_service/host/test_listener.py",
+    "fvs_service/host/test_protocol.py",
+    "fvs_service/host/test_queue.py",
 )
 # Tests that share a session's expensive fixtures run in one worker: beginning of a file's path → their group.
 _IN_ONE_WORKER = {
     "contract/": "contract",
     "docs/test_code_blocks.py": "code blocks",
     "fvs_engine/cli/reconstructed/": "a reconstruction",
-    "fvs_service/worker/test_life_of_a_scene.py": "a whole service",
+    "fvs_service/host/test_life_of_a_scene.py": "a whole service",
     "fvs_engine/sfm/": "kermit_sfm",
     "fvs_engine/pipeline/test_cameras.py": "kermit_sfm",
 }

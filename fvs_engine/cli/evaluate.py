@@ -10,7 +10,7 @@ from fvs_engine.cli.options import MAX_SEED, MAX_VIEWS, DatasetOptions, LoopOpti
 
 if TYPE_CHECKING:
     from fvs_engine.cli.jobs import Warn
-    from fvs_engine.evaluate.report import Summary
+    from fvs_engine.lab.evaluate.report import Summary
     from fvs_engine.monitor import Monitor
 
 
@@ -110,8 +110,8 @@ def evaluate(
 
     def job(monitor: "Monitor", warn: "Warn") -> "Summary":
         run.limit_threads()
-        from fvs_engine.evaluate.protocol import protocol_from_preset
-        from fvs_engine.pipeline.evaluate import evaluate_selectors
+        from fvs_engine.lab.evaluate.from_datasets import evaluate_selectors
+        from fvs_engine.lab.evaluate.protocol import protocol_from_preset
 
         held_out = {"test_every": test_every, "hold_out": hold_out}
         protocol = protocol_from_preset(

@@ -13,8 +13,8 @@ from rich.table import Table
 from rich.text import Text
 
 if TYPE_CHECKING:
-    from fvs_engine.evaluate.report import AnyRow, Summary
-    from fvs_engine.evaluate.statistics import Estimate
+    from fvs_engine.lab.evaluate.report import AnyRow, Summary
+    from fvs_engine.lab.evaluate.statistics import Estimate
     from fvs_engine.pipeline.info import FolderInfo
     from fvs_engine.pipeline.plan import PlanResult
     from fvs_engine.pipeline.rank import Ranking

@@ -72,10 +72,10 @@ def simulate(
         raise typer.BadParameter("The radius is of the orbit: leave it out.", param_hint="--outwards")
 
     def job(monitor: "Monitor", warn: "Warn") -> tuple[Path, ...]:  # noqa: ARG001
-        from fvs_engine.simulate import SimulatedCamera, write_photographs
-        from fvs_engine.simulate.facades import lookalike_courtyard
-        from fvs_engine.simulate.tours import look_around, orbit, survey
-        from fvs_engine.simulate.world import courtyard, settlement
+        from fvs_engine.lab.simulate import SimulatedCamera, write_photographs
+        from fvs_engine.lab.simulate.facades import lookalike_courtyard
+        from fvs_engine.lab.simulate.tours import look_around, orbit, survey
+        from fvs_engine.lab.simulate.world import courtyard, settlement
 
         width, height = int(shape[1]), int(shape[2])
         camera = SimulatedCamera.like_a_drone(width, height, exposure_ev=exposure, noise=noise)

@@ -12,9 +12,9 @@ from fvs_engine.cli.options import MAX_SEED
 
 if TYPE_CHECKING:
     from fvs_engine.geometry.geodetic import GeodeticPosition
-    from fvs_engine.pipeline.replay import ReplayPlace
-    from fvs_engine.simulate import SimulatedCamera
-    from fvs_engine.simulate.scenery import Scenery
+    from fvs_engine.lab.simulate import SimulatedCamera
+    from fvs_engine.lab.simulate.replay import ReplayPlace
+    from fvs_engine.lab.simulate.scenery import Scenery
 
 _ORIGIN_FORM = "LATITUDE,LONGITUDE,ALTITUDE"
 _WIND_FORM = "EAST,NORTH"
@@ -134,16 +134,16 @@ def simulate_vehicle(
     position of the GPS receiver in EXIF and in a JSON file beside them. Needs the extra `simulate`.
     """
     try:
-        from fvs_engine.simulate.mavlink.autopilot import Autopilot
+        from fvs_engine.lab.simulate.mavlink.autopilot import Autopilot
     except ModuleNotFoundError as error:
         typer.echo("Error: MAVLink needs pymavlink: pip install 'fvs[simulate]'.", err=True)
         raise typer.Exit(2) from error
     from fvs_engine.cli.jobs import fail as end
     from fvs_engine.errors import EngineError
     from fvs_engine.geometry.geodetic import GeodeticPosition
-    from fvs_engine.pipeline.replay import ReplayPlace
-    from fvs_engine.simulate.vehicle import GpsErrors, Vehicle, Wind
-    from fvs_engine.simulate.vehicle_camera import VehicleCamera
+    from fvs_engine.lab.simulate.replay import ReplayPlace
+    from fvs_engine.lab.simulate.vehicle import GpsErrors, Vehicle, Wind
+    from fvs_engine.lab.simulate.vehicle_camera import VehicleCamera
 
     latitude, longitude, altitude = _numbers(origin, 3, _ORIGIN_FORM, "--origin")
     east, north = _numbers(wind, 2, _WIND_FORM, "--wind")
@@ -210,8 +210,8 @@ def _prepare_files(photographs: Path, truth: Path | None) -> None:
 
 
 def _courtyard(seed: int, scale: float, size: tuple[int, int]) -> "tuple[Scenery, SimulatedCamera]":
-    from fvs_engine.simulate import SimulatedCamera, courtyard
-    from fvs_engine.simulate.scenery import MadeUpScenery
+    from fvs_engine.lab.simulate import SimulatedCamera, courtyard
+    from fvs_engine.lab.simulate.scenery import MadeUpScenery
 
     sensor = SimulatedCamera.like_a_drone(*size)
     return MadeUpScenery(courtyard(seed), sensor.camera, scale), sensor
@@ -223,8 +223,8 @@ def _replay(
     """A replay world; says where its photographs were taken, and writes their poses where asked to."""
     import numpy as np
 
-    from fvs_engine.pipeline.replay import open_replay, write_poses
-    from fvs_engine.simulate import SimulatedCamera
+    from fvs_engine.lab.simulate import SimulatedCamera
+    from fvs_engine.lab.simulate.replay import open_replay, write_poses
 
     scenery = open_replay(root, place)
     heights = np.array([view.centre[2] for view in scenery.views])

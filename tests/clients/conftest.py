@@ -15,8 +15,8 @@ from computing_runners import ComputingRunners
 from conftest_of import conftest_of
 from fvs_client import Client, Retries
 from fvs_client.cli.app import app as program
-from fvs_service.gateway.rest.app import create_app
-from fvs_service.gateway.server import GatewayServer
+from fvs_service.serving.gateway import GatewayServer
+from fvs_service.serving.rest_app import create_app
 from gateways import Gateway, settings_for
 from typer.testing import CliRunner, Result
 

@@ -18,8 +18,8 @@ import uvicorn
 from computing_runners import ComputingRunners
 from fvs_client import Client, FvsError, Orbit
 from fvs_client.retries import NO_RETRIES
-from fvs_service.gateway.rest.app import create_app
-from fvs_service.gateway.server import GatewayServer
+from fvs_service.serving.gateway import GatewayServer
+from fvs_service.serving.rest_app import create_app
 from gateways import Gateway, settings_for
 from grpc_health.v1.health_pb2 import HealthCheckRequest, HealthCheckResponse
 from grpc_health.v1.health_pb2_grpc import HealthStub

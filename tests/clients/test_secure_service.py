@@ -14,9 +14,9 @@ import pytest
 import uvicorn
 from computing_runners import ComputingRunners
 from fvs_client import NO_RETRIES, Client, ConnectionFailedError, ForbiddenError, UnauthenticatedError
-from fvs_service.gateway.rest.app import create_app
-from fvs_service.gateway.server import GatewayServer, certificates_of
 from fvs_service.principal import Scope
+from fvs_service.serving.gateway import GatewayServer, certificates_of
+from fvs_service.serving.rest_app import create_app
 from gateways import settings_for
 
 Connect = Callable[..., Client]

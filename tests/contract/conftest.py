@@ -13,7 +13,7 @@ from contract_tenant import Tenant
 from contract_transports import Direct, Rest, Rpc
 from fvs_service.gateway.drain import Drain
 from fvs_service.gateway.rpc.calls import Gateway as RpcGateway
-from fvs_service.gateway.rpc.server import RpcServer
+from fvs_service.serving.rpc_server import RpcServer
 from fvs_service.settings import Settings
 from gateways import running_gateway, settings_for
 

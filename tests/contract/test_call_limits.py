@@ -13,7 +13,8 @@ from contract_outcome import outcome_of_error
 from fvs.v1 import images_pb2 as images
 from fvs.v1 import scenes_pb2 as scenes
 from fvs.v1 import views_pb2 as views
-from fvs_service.gateway.rpc import calls, server
+from fvs_service.gateway.rpc import calls
+from fvs_service.serving import rpc_server as server
 
 
 def silent(until: threading.Event) -> Iterator[bytes]:

@@ -13,7 +13,7 @@ from fvs.v1 import images_pb2 as images
 from fvs.v1 import jobs_pb2 as jobs
 from fvs.v1 import scenes_pb2 as scenes
 from fvs.v1 import views_pb2 as views
-from fvs_service.gateway.rpc import server
+from fvs_service.serving import rpc_server as server
 from google.protobuf.descriptor_pb2 import FileDescriptorProto
 from grpc_health.v1.health_pb2 import HealthCheckRequest, HealthCheckResponse
 from grpc_health.v1.health_pb2_grpc import HealthStub

@@ -14,11 +14,11 @@ import pytest
 import typer
 import yaml
 from fvs_service.environment import variables_of
-from fvs_service.fleet_metrics import FleetCollector
+from fvs_service.host.worker import sign_of_life
+from fvs_service.jobs.fleet_metrics import FleetCollector
 from fvs_service.settings import Settings
 from fvs_service.storage.database import Database
 from fvs_service.telemetry import Metrics
-from fvs_service.worker import sign_of_life
 
 from fvs_engine.cli.app import app
 

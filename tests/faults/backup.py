@@ -33,8 +33,8 @@ from kill_anything import QUESTION, Service, model_of, require, require_health, 
 from object_store_server import ACCESS_KEY_ID, SECRET_ACCESS_KEY, ObjectStoreServer
 from postgresql_server import PostgresqlServer
 
+from fvs_engine.lab.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 from fvs_engine.monitor import Monitor
-from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
 PAGES = Path(__file__).resolve().parents[2] / "docs" / "operate"
 

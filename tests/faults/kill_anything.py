@@ -43,8 +43,8 @@ from typing import Any
 import httpx2
 from killer import Killer, Watch, choose_aims
 
+from fvs_engine.lab.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 from fvs_engine.monitor import Monitor
-from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
 LEASE_S = 5.0
 SETTINGS = {

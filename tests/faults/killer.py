@@ -16,7 +16,7 @@ from typing import NamedTuple
 TARGETS = {
     "gateway": "fvs_service.serving.process gateway",
     "worker": "fvs_service.serving.process worker",
-    "runner": "fvs_service.worker.runner.process",
+    "runner": "fvs_service.host.runner.process",
     "sfm": "fvs_engine.sfm.native.child",
 }
 BETWEEN_JOBS, REMOVING = "uploading", "removing"

@@ -43,8 +43,8 @@ from network import Network
 from object_store_server import ACCESS_KEY_ID, SECRET_ACCESS_KEY, ObjectStoreServer
 from postgresql_server import PostgresqlServer
 
+from fvs_engine.lab.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 from fvs_engine.monitor import Monitor
-from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
 STORE_AWAY_S = 20.0
 PATIENCE_S = 900.0

@@ -32,8 +32,8 @@ from pathlib import Path
 from kill_anything import QUESTION, Service, delete, require_health, send, wait
 from killer import Watch
 
+from fvs_engine.lab.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 from fvs_engine.monitor import Monitor
-from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
 SAMPLE_S = 5.0
 WARM_S = (60.0, 900.0)

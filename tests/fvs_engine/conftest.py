@@ -10,6 +10,7 @@ from typing import Any
 import pytest
 
 from fvs_engine.errors import ReconstructionError
+from fvs_engine.lab.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 from fvs_engine.monitor import Monitor
 from fvs_engine.records import Record
 from fvs_engine.sfm import stages
@@ -17,7 +18,6 @@ from fvs_engine.sfm.batch import undistort
 from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
 from fvs_engine.sfm.native.jobs import find_job
 from fvs_engine.sfm.settings import SfmSettings
-from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
 
 @pytest.fixture(scope="session")

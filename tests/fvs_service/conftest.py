@@ -23,9 +23,9 @@ import uvicorn
 from computing_runners import ComputingRunners
 from fvs_service.application import Storage
 from fvs_service.gateway.connection import http_protocol
-from fvs_service.gateway.rest.app import create_app
 from fvs_service.logs import configure_logging
 from fvs_service.rankings.port import SceneRunners
+from fvs_service.serving.rest_app import create_app
 from fvs_service.settings import Settings
 from gateways import Gateway, Overrides, running_gateway, settings_for
 from lasting_inspectors import share_inspectors

@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fvs_service.worker.runner import server
-from fvs_service.worker.runner.model_states import ModelStates
+from fvs_service.host.runner import server
+from fvs_service.host.runner.model_states import ModelStates
 from slow_scoring import Scene, slow_scene
 
 

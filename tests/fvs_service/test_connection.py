@@ -10,8 +10,8 @@ from typing import Any
 import httpx2
 import pytest
 import uvicorn
-from fvs_service.gateway import server
 from fvs_service.gateway.connection import http_protocol
+from fvs_service.serving import gateway as server
 
 _PATIENCE_S = 0.5
 

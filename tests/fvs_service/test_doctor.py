@@ -15,12 +15,12 @@ from fvs_service.cli.serve import add_commands
 from fvs_service.doctor.deployment import troubles
 from fvs_service.doctor.examination import examine
 from fvs_service.errors import StorageRefusedError
+from fvs_service.host.worker.heartbeat import Heartbeats
 from fvs_service.model import now
 from fvs_service.settings import Settings
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.owner import OWNER_KEY, claim_store
 from fvs_service.storage.tables import ImageRow, JobRow, RemovalRow, WorkerRow
-from fvs_service.worker.heartbeat import Heartbeats
 from sqlalchemy import delete, update
 from typer import Typer
 from typer.testing import CliRunner

@@ -24,6 +24,7 @@ from fvs_service.deletion.retention import RetentionRules
 from fvs_service.deletion.service import Deletions
 from fvs_service.doctor.examination import examine
 from fvs_service.errors import ConflictError, NotFoundError
+from fvs_service.host.worker.sweep import Sweeps
 from fvs_service.ids import new_id
 from fvs_service.jobs.model import JobKind, JobPage, JobRequest
 from fvs_service.jobs.repository import add_job, jobs_of_scene
@@ -37,7 +38,6 @@ from fvs_service.settings import Retention, Settings
 from fvs_service.snapshots.model import SnapshotMetrics
 from fvs_service.snapshots.service import NewSnapshot
 from fvs_service.storage.tables import RankingRow
-from fvs_service.worker.sweep import Sweeps
 
 from fvs_engine.child_process import end_with_parent
 

@@ -14,6 +14,7 @@ from alembic.migration import MigrationContext
 from fvs_service.errors import IncompatibleDatabaseError, ServiceError, StorageUnavailableError
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import events_after, publish
+from fvs_service.host.worker.heartbeat import Heartbeats
 from fvs_service.ids import new_id
 from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.jobs.queue import JobQueue
@@ -27,7 +28,6 @@ from fvs_service.settings import Limits
 from fvs_service.storage.database import KNOWN_VERSIONS, Database
 from fvs_service.storage.notifications import Topic
 from fvs_service.storage.tables import Table
-from fvs_service.worker.heartbeat import Heartbeats
 from postgresql_server import PostgresqlServer
 from sqlalchemy import text
 

@@ -17,7 +17,7 @@ from fvs_service.application import open_existing_storage, open_storage
 from fvs_service.errors import ForbiddenError
 from fvs_service.events.repository import last_number
 from fvs_service.gateway.protection import require_protection
-from fvs_service.gateway.server import listen
+from fvs_service.serving.gateway import listen
 from fvs_service.settings import Settings
 from grpc_health.v1.health_pb2 import HealthCheckRequest, HealthCheckResponse
 from grpc_health.v1.health_pb2_grpc import HealthStub

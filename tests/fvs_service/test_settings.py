@@ -11,8 +11,8 @@ import pytest
 import typer
 from fvs_service.cli.options import settings_of
 from fvs_service.environment import OF_OTHERS, variables_of
+from fvs_service.host.worker.sweep import Sweeps
 from fvs_service.settings import Settings
-from fvs_service.worker.sweep import Sweeps
 from pydantic import ValidationError
 
 REPOSITORY = Path(__file__).resolve().parents[2]

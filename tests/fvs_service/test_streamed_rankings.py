@@ -10,8 +10,8 @@ from typing import Any
 
 import httpx2
 import pytest
-from fvs_service.worker.protocol.connection import RunnerGoneError
-from fvs_service.worker.runner import server
+from fvs_service.host.protocol.connection import RunnerGoneError
+from fvs_service.host.runner import server
 from slow_scoring import ORBIT, Scene, slow_scene
 
 SOON_S = 60.0

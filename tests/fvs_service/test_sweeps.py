@@ -12,11 +12,11 @@ from typing import Any
 import pytest
 from fvs_service.application import Storage
 from fvs_service.errors import StorageRefusedError, StorageUnavailableError
+from fvs_service.host.worker.sweep import Sweeps
 from fvs_service.settings import Retention
 from fvs_service.storage import removals
 from fvs_service.storage.removals import Removals
 from fvs_service.storage.tables import EventRow
-from fvs_service.worker.sweep import Sweeps
 from sqlalchemy import func, select
 
 

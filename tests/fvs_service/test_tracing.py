@@ -15,9 +15,9 @@ import pytest
 from fvs.v1 import jobs_pb2 as jobs
 from fvs.v1.jobs_pb2_grpc import JobServiceStub
 from fvs_service.gateway.rpc.calls import Gateway as RpcGateway
-from fvs_service.gateway.rpc.server import RpcServer
+from fvs_service.host.protocol.connection import Connection, RunnerGoneError
+from fvs_service.serving.rpc_server import RpcServer
 from fvs_service.tracing import Tracing, traceparent
-from fvs_service.worker.protocol.connection import Connection, RunnerGoneError
 from granted_scenes import GrantedScenes
 from opentelemetry.proto.collector.trace.v1.trace_service_pb2 import (
     ExportTraceServiceRequest,
@@ -188,7 +188,7 @@ def test_spans_know_what_is_around_them_and_what_failed(collector: Collector) ->
 
 def test_without_a_collector_nothing_is_recorded_and_the_sdk_is_not_loaded() -> None:
     code = (
-        "import sys, fvs_service.worker.process, fvs_service.gateway.server\n"
+        "import sys, fvs_service.host.worker.process, fvs_service.serving.gateway\n"
         "from fvs_service.tracing import Tracing, traceparent\n"
         "with Tracing.of_environment('test').span('a') as span:\n"
         "    span.name('b'); span.add({'c': 1}); span.fail('d'); assert traceparent() is None\n"

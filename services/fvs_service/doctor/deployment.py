@@ -9,8 +9,9 @@ from sqlalchemy import select
 from fvs_engine.errors import StorageError
 from fvs_service.application import Storage
 from fvs_service.errors import ForbiddenError, StorageUnavailableError
-from fvs_service.fleet import workers_of
 from fvs_service.gateway.protection import access_of
+from fvs_service.host.gpu_slots_folder import gpu_slots_folder
+from fvs_service.jobs.fleet import workers_of
 from fvs_service.logs import reason_of
 from fvs_service.settings import Settings
 from fvs_service.storage.blob_keys import image_key
@@ -19,7 +20,6 @@ from fvs_service.storage.clock import now_ms
 from fvs_service.storage.database import sqlite_file
 from fvs_service.storage.owner import require_known_images, require_own_store
 from fvs_service.storage.tables import ImageRow
-from fvs_service.worker.gpu_slots_folder import gpu_slots_folder
 
 _SKEW_S = 5.0
 _SAMPLE = 100

@@ -1,1 +1,1 @@
-"""The gateway: HTTP over the services."""
+"""What both transports share: connections, keys, limits, conversion, errors."""

@@ -8,7 +8,7 @@ from pydantic import Field
 from fvs_engine.choices import Method
 from fvs_engine.images.pixels import FORMATS
 from fvs_service.application import Application
-from fvs_service.fleet import WorkerStatus, workers_of
+from fvs_service.jobs.fleet import WorkerStatus, workers_of
 from fvs_service.jobs.model import JobKind
 from fvs_service.missions.model import MissionFormat
 from fvs_service.model import Model

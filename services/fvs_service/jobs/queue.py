@@ -10,7 +10,7 @@ from sqlalchemy import func, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
-from fvs_service.fleet import is_alive
+from fvs_service.jobs.fleet import is_alive
 from fvs_service.jobs.model import JobKind, JobState, WaitReason
 from fvs_service.jobs.order import OpenJob, Order
 from fvs_service.jobs.ticket import JobTicket

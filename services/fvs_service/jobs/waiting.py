@@ -7,7 +7,7 @@ from statistics import median
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
-from fvs_service.fleet import is_alive
+from fvs_service.jobs.fleet import is_alive
 from fvs_service.jobs.model import Job, JobKind, JobState, Waiting, WaitReason
 from fvs_service.jobs.order import OpenJob, Order, Place
 from fvs_service.jobs.queue import JobQueue

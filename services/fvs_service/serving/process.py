@@ -10,12 +10,12 @@ import sys
 from fvs_engine.child_process import end_with_parent
 from fvs_service.application import open_storage
 from fvs_service.gateway.addresses import Addresses
+from fvs_service.host.worker.runners import LeasedRunners
 from fvs_service.logs import configure_logging, log_uncaught
 from fvs_service.serving.arenas import limit_arenas
 from fvs_service.serving.process_order import GATEWAY, ProcessOrder
 from fvs_service.serving.pulse import PULSE_S, beat
 from fvs_service.tracing import Tracing
-from fvs_service.worker.runners import LeasedRunners
 
 
 def main() -> None:
@@ -33,7 +33,7 @@ def main() -> None:
 
 
 def _run_gateway(order: ProcessOrder) -> None:
-    from fvs_service.gateway.server import run_gateway  # a worker has no use for FastAPI
+    from fvs_service.serving.gateway import run_gateway  # a worker has no use for FastAPI
 
     os.set_blocking(sys.stdout.fileno(), False)  # for the pulse
     run_gateway(order.settings, LeasedRunners, announce=_print, beat=beat, beat_every_s=PULSE_S)
@@ -45,7 +45,7 @@ def _print(addresses: Addresses) -> None:
 
 
 def _run_worker(order: ProcessOrder) -> None:
-    from fvs_service.worker.process import run_worker
+    from fvs_service.host.worker.process import run_worker
 
     os.set_blocking(sys.stdout.fileno(), False)  # for the pulse
     tracing = Tracing.of_environment("fvs-worker")

@@ -14,7 +14,7 @@ from fvs_service.serving.process_tree import command_of, descendants
 
 GATEWAY = "fvs_service.serving.process gateway"
 WORKER = "fvs_service.serving.process worker"
-RUNNER = "fvs_service.worker.runner.process"
+RUNNER = "fvs_service.host.runner.process"
 """Parts of the command lines of a service's processes; see ``RunningService.processes``."""
 
 _STOP_WITHIN_S = 30.0

@@ -27,6 +27,7 @@ from fvs_service.events.repository import skip_lost_numbers
 from fvs_service.gateway.addresses import Addresses
 from fvs_service.gateway.certificates import require_certificates
 from fvs_service.gateway.protection import require_protection
+from fvs_service.host.worker import sign_of_life
 from fvs_service.serving.identity import machine_name
 from fvs_service.serving.process_order import GATEWAY, WORKER, ProcessOrder
 from fvs_service.serving.process_tree import adopt_orphans, end_descendants, reap_adopted
@@ -34,7 +35,6 @@ from fvs_service.serving.pulse import Pulse
 from fvs_service.serving.stop_signals import StopSignals
 from fvs_service.settings import Settings
 from fvs_service.storage.owner import claim_store
-from fvs_service.worker import sign_of_life
 
 _LOOK_S = 5.0
 """Interval at which the supervisor looks for dead children without a SIGCHLD, too."""

@@ -13,13 +13,13 @@ from fvs_client import AltitudeDatum, Client, EnuWorld, Origin, Scene
 
 from fvs_engine.choices import Firmware as FirmwareName
 from fvs_engine.geometry.geodetic import GeodeticPosition
-from fvs_engine.simulate import SimulatedCamera, courtyard
-from fvs_engine.simulate.mavlink.autopilot import Autopilot
-from fvs_engine.simulate.mavlink.dialect import mavlink
-from fvs_engine.simulate.mavlink.flight_state import Faults
-from fvs_engine.simulate.scenery import MadeUpScenery
-from fvs_engine.simulate.vehicle import GpsErrors, Vehicle
-from fvs_engine.simulate.vehicle_camera import VehicleCamera
+from fvs_engine.lab.simulate import SimulatedCamera, courtyard
+from fvs_engine.lab.simulate.mavlink.autopilot import Autopilot
+from fvs_engine.lab.simulate.mavlink.dialect import mavlink
+from fvs_engine.lab.simulate.mavlink.flight_state import Faults
+from fvs_engine.lab.simulate.scenery import MadeUpScenery
+from fvs_engine.lab.simulate.vehicle import GpsErrors, Vehicle
+from fvs_engine.lab.simulate.vehicle_camera import VehicleCamera
 
 HOME = GeodeticPosition(47.3769, 8.5417, 440.0)
 

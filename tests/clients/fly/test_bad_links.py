@@ -16,7 +16,7 @@ from fvs_client.fly.survey import Survey
 from fvs_client.fly.vehicle import Capture, Vehicle
 from pymavlink.dialects.v20 import common as mavlink
 
-from fvs_engine.simulate.mavlink.flight_state import Faults
+from fvs_engine.lab.simulate.mavlink.flight_state import Faults
 
 pytestmark = pytest.mark.process
 

@@ -11,7 +11,7 @@ from flights import SURVEY, Flown, working
 from fvs_client import Scene, VisitState
 from fvs_client.fly.flight import Ending
 
-from fvs_engine.simulate.mavlink.flight_state import Faults, Mode
+from fvs_engine.lab.simulate.mavlink.flight_state import Faults, Mode
 
 pytestmark = pytest.mark.process
 

@@ -15,7 +15,7 @@ from fvs_client.spool.lock import only_sender
 from fvs_client.spool.outbox import FILE_NAME
 from typer.testing import CliRunner, Result
 
-from fvs_engine.simulate.mavlink.flight_state import Faults
+from fvs_engine.lab.simulate.mavlink.flight_state import Faults
 
 pytestmark = pytest.mark.process
 

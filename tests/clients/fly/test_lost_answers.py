@@ -11,7 +11,7 @@ from fvs_client import Scene
 from fvs_client.fly.flight import Ending
 from pymavlink.dialects.v20 import common as mavlink
 
-from fvs_engine.simulate.mavlink.flight_state import Mode
+from fvs_engine.lab.simulate.mavlink.flight_state import Mode
 
 pytestmark = pytest.mark.process
 

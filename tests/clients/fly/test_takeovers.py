@@ -16,7 +16,7 @@ from fvs_client.fly.dialects import Mode as Told
 from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.flight import Ending
 
-from fvs_engine.simulate.mavlink.flight_state import Mode
+from fvs_engine.lab.simulate.mavlink.flight_state import Mode
 
 pytestmark = pytest.mark.process
 

@@ -11,7 +11,7 @@ from pymavlink import mavparm, mavutil, mavwp
 from pymavlink.dialects.v20 import common as mavlink
 from pymavlink.quaternion import QuaternionBase
 
-from fvs_engine.simulate.mavlink.flight_state import Faults
+from fvs_engine.lab.simulate.mavlink.flight_state import Faults
 
 pytestmark = pytest.mark.process
 

@@ -18,8 +18,8 @@ from fvs_service.serving.running import running_service
 from fvs_service.settings import Settings
 from PIL import Image
 
+from fvs_engine.lab.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 from fvs_engine.monitor import Monitor
-from fvs_engine.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 
 HERE = Path(__file__).resolve().parent
 GENERATORS = Path(sys.prefix) / "generators" / "bin"

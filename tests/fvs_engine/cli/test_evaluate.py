@@ -11,7 +11,7 @@ from PIL import Image
 
 from fvs_engine.choices import ProtocolName
 from fvs_engine.cli.exit_codes import EXIT_CODES, INTERRUPTED, USAGE
-from fvs_engine.evaluate.protocol import PRESETS
+from fvs_engine.lab.evaluate.protocol import PRESETS
 
 Fvs = Callable[..., Any]
 FvsUntil = Callable[..., tuple[int, str]]

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 from far_views import bonsai, fox, shares_off
 
-from fvs_engine.evaluate.results import Run, read_result
+from fvs_engine.lab.evaluate.results import Run, read_result
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.sfm.colmap.model import open_colmap
 

@@ -6,9 +6,9 @@ import pytest
 from PIL import Image
 
 from fvs_engine.errors import BackendUnavailableError, InvalidInputError
-from fvs_engine.evaluate.protocol import PRESETS
+from fvs_engine.lab.evaluate.from_datasets import evaluate_selectors
+from fvs_engine.lab.evaluate.protocol import PRESETS
 from fvs_engine.monitor import Monitor
-from fvs_engine.pipeline.evaluate import evaluate_selectors
 from fvs_engine.pipeline.select import select_views
 from fvs_engine.pipeline.selection_request import SelectionRequest
 

@@ -13,11 +13,7 @@ from fvs_engine.errors import ReconstructionError
 from fvs_engine.geometry import DistortedCamera, RigidTransform, look_at
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.geometry.alignment.similarity import robust_umeyama
-from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
-from fvs_engine.sfm.pose_priors import PosePriors
-from fvs_engine.sfm.settings import SfmSettings
-from fvs_engine.simulate import (
+from fvs_engine.lab.simulate import (
     Rectangle,
     SimulatedCamera,
     World,
@@ -26,7 +22,11 @@ from fvs_engine.simulate import (
     orbit,
     write_photographs,
 )
-from fvs_engine.simulate.textures import dead_leaves
+from fvs_engine.lab.simulate.textures import dead_leaves
+from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
+from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.settings import SfmSettings
 
 pytestmark = [pytest.mark.slow, pytest.mark.process, pytest.mark.timeout(900)]
 

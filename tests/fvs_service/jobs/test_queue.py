@@ -5,12 +5,12 @@ from collections.abc import Callable
 from typing import Any
 
 import pytest
+from fvs_service.host.worker.heartbeat import Heartbeats
 from fvs_service.jobs.model import WaitReason
 from fvs_service.jobs.queue import JobQueue, take_job
 from fvs_service.jobs.work import Work
 from fvs_service.storage.notifications import Topic
 from fvs_service.storage.tables import JobRow, WorkerRow
-from fvs_service.worker.heartbeat import Heartbeats
 from sqlalchemy import update
 
 

@@ -8,8 +8,8 @@ from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from fvs_service.errors import InvalidRequestError, UnsupportedMediaTypeError
 from fvs_service.gateway.rest.problems import problem_response
-from fvs_service.gateway.rest.tus import is_upload
 from fvs_service.gateway.upload_pace import UploadPace
+from fvs_service.images.rest_tus import is_upload
 from fvs_service.images.staging import too_large
 from fvs_service.settings import Settings
 from fvs_service.telemetry import Metrics

@@ -13,8 +13,8 @@ from fvs_service.errors import (
     PayloadTooLargeError,
 )
 from fvs_service.gateway.rest.bodies import blocks, declared_bytes
-from fvs_service.gateway.rest.tus import Checksum
 from fvs_service.images.model import Image
+from fvs_service.images.rest_tus import Checksum
 from fvs_service.images.resumable_uploads import (
     ResumableUpload,
     UploadWriter,

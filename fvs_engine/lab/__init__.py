@@ -1,0 +1,1 @@
+"""The laboratory: simulated sites and vehicles, and evaluations of selectors."""

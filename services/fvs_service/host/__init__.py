@@ -1,0 +1,1 @@
+"""What runs on the machines that compute: workers, and the runners of scenes."""

@@ -1,0 +1,49 @@
+"""The monitor of a job: reports its progress, and pauses it for requests."""
+
+import time
+from collections.abc import Callable
+
+from fvs_engine.monitor import Monitor, Progress
+from fvs_service.host.protocol.messages import StageProgress
+from fvs_service.host.runner.request_queue import RequestQueue
+
+_REPORT_EVERY_S = 0.5
+_FIRST_REQUESTS_S = 1.0
+"""Time for the worker to commit a new model, and for clients to be notified and to send requests."""
+_POLL_S = 0.1
+
+
+class JobMonitor(Monitor):
+    """Calls ``on_stage`` twice a second, and when a stage begins."""
+
+    def __init__(
+        self,
+        on_stage: Callable[[StageProgress], None],
+        requests: RequestQueue,
+    ) -> None:
+        super().__init__(self._report)
+        self._on_stage = on_stage
+        self._requests = requests
+        self._reported: tuple[str, float] = ("", 0.0)
+
+    def check(self) -> None:
+        """See ``Monitor``; waits for requests."""
+        super().check()
+        self._requests.wait_until_empty()
+
+    def wait_for_first_requests(self) -> None:
+        """Wait a second for rankings by a model that was just published, and until they are answered.
+
+        Clients that waited for the model send requests now, and get faster answers than beside a training.
+        """
+        end = time.monotonic() + _FIRST_REQUESTS_S
+        while time.monotonic() < end and not self._requests.wait_for_request(_POLL_S):
+            self.check()
+        self.check()
+
+    def _report(self, progress: Progress) -> None:
+        stage, when = self._reported
+        if stage == progress.stage and time.monotonic() - when < _REPORT_EVERY_S:
+            return
+        self._reported = (progress.stage, time.monotonic())
+        self._on_stage(StageProgress(stage=progress.stage, share=progress.share))

@@ -1,0 +1,391 @@
+"""A scene's jobs: register images, train the model, write the artifacts of a snapshot."""
+
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from contextlib import AbstractContextManager
+from dataclasses import asdict
+from functools import partial
+from itertools import islice
+from pathlib import Path
+from types import MappingProxyType
+from typing import Literal
+
+import numpy as np
+
+from fvs_engine.errors import (
+    DamagedOutputError,
+    OtherSettingsError,
+    ReconstructionError,
+    TrainingError,
+)
+from fvs_engine.hold_out import hold_out_views
+from fvs_engine.monitor import Monitor
+from fvs_engine.scene.dataset import Dataset
+from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.photographs import Photographs
+from fvs_engine.scene.scene_files import SceneFiles
+from fvs_engine.scene.scene_model import SceneModel
+from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings
+from fvs_engine.sfm.growing.state import GrowthFolder
+from fvs_engine.sfm.quarantine import warning
+from fvs_engine.sfm.reconstruction import PointCloud
+from fvs_engine.splat.initialise import initialise_from_points
+from fvs_engine.splat.raster import Rasterizer
+from fvs_engine.splat.session import open_trainer, train_saving
+from fvs_engine.splat.settings import PRESETS
+from fvs_engine.splat.views import TrainingView
+from fvs_service.host.protocol.messages import JobOutcome, RunJob
+from fvs_service.host.runner.artifacts import write_artifacts
+from fvs_service.host.runner.fine_cameras import fine_cameras
+from fvs_service.host.runner.first_model_monitor import FirstModelMonitor
+from fvs_service.host.runner.gpu_slots import gpu_slot
+from fvs_service.host.runner.image_files import discard_images, prepare_images
+from fvs_service.host.runner.job_monitor import JobMonitor
+from fvs_service.host.runner.model_states import ModelStates
+from fvs_service.host.runner.pose_priors import pose_priors
+from fvs_service.host.runner.quality import measure, psnr_db, spread
+from fvs_service.host.runner.scene_choice import choose, read_choice
+from fvs_service.host.runner.scene_folder import SceneFolder
+from fvs_service.images.files import file_name
+from fvs_service.images.model import Image, Registration
+from fvs_service.jobs.first_model import FIRST_IMAGES, has_first_model
+from fvs_service.jobs.model import JobKind
+from fvs_service.settings import WorkerSettings
+from fvs_service.snapshots.model import SnapshotMetrics
+from fvs_service.storage.blobs import Blobs
+
+_SAVE_EVERY_S = 30.0
+_FIRST_TRIED = "first-model-tried"
+"""Name of the file that marks a growing scene, also in the working copy, once a first model was tried."""
+_MOST_EVALUATED = 16
+"""New images that the previous snapshot is evaluated on, so that an update does not take much longer."""
+
+Warn = Callable[[str], None]
+Quarantine = Callable[[Mapping[str, str]], None]
+"""Takes the digests of images to quarantine, with the reasons."""
+Publish = Callable[[Literal["first", "quick"], JobOutcome], None]
+"""Receives an update's intermediate models: that of the first images, and the quick one of all images."""
+
+
+class SceneJobs:
+    """Runs a scene's jobs, one at a time; keeps the growing scene in memory between them."""
+
+    def __init__(
+        self,
+        folder: Path,
+        blobs: Blobs,
+        settings: WorkerSettings,
+        rasterizer: Rasterizer,
+        states: ModelStates,
+    ) -> None:
+        self._folder = SceneFolder(folder)
+        self._blobs = blobs
+        self._settings = settings
+        self._rasterizer = rasterizer
+        self._states = states
+        self._scene: GrowingScene | None = None
+
+    def run(
+        self,
+        request: RunJob,
+        monitor: JobMonitor,
+        warn: Warn,
+        quarantine: Quarantine = lambda _reasons: None,
+        publish: Publish = lambda _name, _outcome: None,
+    ) -> JobOutcome | None:
+        """Run a job; a repeated call resumes it from its last checkpoint. Raises ``EngineError``.
+
+        None when the request leaves the training to another worker, which continues from the checkpoint.
+        """
+        try:
+            if request.request.kind is not JobKind.UPDATE:
+                return self._fine(request, monitor, warn, quarantine)
+            try:
+                return self._update(request, monitor, warn, quarantine, publish)
+            except DamagedOutputError as damage:
+                self._start_again(damage.message, warn)
+                return self._update(request, monitor, warn, quarantine, publish)
+        except BaseException:
+            self._scene = None  # what is in memory may be ahead of what is on disk, or differ from it
+            raise
+
+    def forget(self) -> None:
+        """Forget the growing scene, which has the photographs; the next job reads it from the folder."""
+        self._scene = None
+
+    def _update(
+        self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine, publish: Publish
+    ) -> JobOutcome | None:
+        """Register the images, train the quick model and publish it, then train the full one.
+
+        When the full model of these images is there already, no quick one is published. A new scene of many
+        images gets a model of its first ones before.
+        """
+        images = self._images(request, monitor, warn, quarantine)
+        if len(images) < 2:
+            raise ReconstructionError(
+                f"A model needs two usable images or more, and the scene has {len(images) or 'none'}.",
+                hint="Send more images that overlap; start with eight or more.",
+            )
+        scene = self._open_scene(request, len(images), monitor, warn)
+        # An image that was included again after its quarantine is tried again.
+        removed = [*(name for name in scene.visited if name not in images), *scene.quarantined]
+        try:
+            new = request.snapshot_id is None
+            if request.trains and has_first_model(first=new, images=len(images)):
+                self._publish_first(request, scene, images, monitor, warn, publish)
+            update = scene.add(tuple(images), monitor, pose_priors(images, request.origin), removed=removed)
+        finally:
+            quarantined = scene.quarantined
+            found = {images[name].digest: why for name, why in quarantined.items() if name in images}
+            _quarantine(found, request, warn, quarantine)
+        images = {name: image for name, image in images.items() if name not in quarantined}
+        previous_db = self._evaluate_previous(request, scene, images, monitor)
+        for sentence in update.warnings:
+            warn(sentence)
+        scene.save()
+        if not request.trains and not scene.is_trained("full"):
+            return None
+        measured = {"new_images_psnr_db": previous_db}
+        outcome = partial(self._outcome_of_update, request, scene, images, measured=measured)
+        with self._gpu_slot(monitor):
+            if not scene.is_trained("full"):
+                quick = scene.train("quick", monitor)
+                monitor.report("quick snapshot", 0, 1)
+                publish("quick", outcome(quick, "quick"))
+                if self._rasterizer.device.type == "cpu":  # a GPU has other scenes to train
+                    monitor.wait_for_first_requests()
+            full = scene.train("full", monitor)
+        discard_images(self._folder.images, images)
+        monitor.report("snapshot", 0, 1)
+        return outcome(full, "full")
+
+    def _publish_first(
+        self,
+        request: RunJob,
+        scene: GrowingScene,
+        images: Mapping[str, Image],
+        monitor: Monitor,
+        warn: Warn,
+        publish: Publish,
+    ) -> None:
+        """Publish a quick model of the first images: rankings need not wait for the others.
+
+        It is tried once: another try would take out the images that were added since.
+        """
+        tried = self._folder.growing / _FIRST_TRIED
+        if tried.exists() or scene.visited:
+            return
+        tried.parent.mkdir(parents=True, exist_ok=True)
+        tried.touch()
+        first = dict(islice(images.items(), FIRST_IMAGES))
+        stage = FirstModelMonitor(monitor)
+        try:
+            update = scene.add(tuple(first), stage, pose_priors(first, request.origin))
+            for sentence in update.warnings:
+                warn(f"The first {len(first)} images: {sentence}")
+            with self._gpu_slot(stage):
+                model = scene.train("quick", stage)
+        except (ReconstructionError, TrainingError):
+            return  # with the others they may support a model
+        quarantined = scene.quarantined
+        first = {name: image for name, image in first.items() if name not in quarantined}
+        publish("first", self._outcome_of_update(request, scene, first, model, "first"))
+
+    def _outcome_of_update(
+        self,
+        request: RunJob,
+        scene: GrowingScene,
+        images: Mapping[str, Image],
+        model: SceneModel,
+        name: str,
+        measured: Mapping[str, float | None] = MappingProxyType({}),
+    ) -> JobOutcome:
+        assert scene.model_dir is not None  # training needs views, whose poses are those of this model
+        folder = self._folder.outcome(request.job_id) / name
+        return self._outcome(
+            folder,
+            scene.views,
+            images,
+            model,
+            scene.points,
+            scene.model_dir,
+            measured,
+            why_unregistered=scene.why_unregistered,
+            compressed=name == "full",  # others are waited for, and soon replaced
+        )
+
+    def _evaluate_previous(
+        self, request: RunJob, scene: GrowingScene, images: Mapping[str, Image], monitor: Monitor
+    ) -> float | None:
+        """The PSNR of the latest snapshot at the new images, before the model is trained on them."""
+        if request.snapshot_id is None:
+            return None
+        before = self._states.of_snapshot(request.snapshot_id)
+        seen = {view.image for view in before.cameras.views}
+        new = [view for view in scene.views if images[view.name].digest not in seen]
+        views = spread(new, _MOST_EVALUATED)
+        return psnr_db(before.gaussians, before.sh_degree, views, self._rasterizer, monitor)
+
+    def _images(
+        self, request: RunJob, monitor: Monitor, warn: Warn, quarantine: Quarantine
+    ) -> Mapping[str, Image]:
+        """The images by the names of their files, without those that the engine rejects."""
+        prepared = prepare_images(self._blobs, request.images, self._folder.images, monitor)
+        _quarantine(prepared.rejected, request, warn, quarantine)
+        return prepared.files
+
+    def _open_scene(self, request: RunJob, images: int, monitor: Monitor, warn: Warn) -> GrowingScene:
+        choice = choose(self._folder, request.request, self._settings, images)
+        if self._scene is None:
+            settings = SceneSettings(
+                long_side_px=choice.long_side_px,
+                initial_iterations=choice.initial_iterations,
+                iterations_per_view=choice.iterations_per_image,
+                warm_starts=True,
+                training=SCENE_TRAINING.model_copy(update={"max_gaussians": choice.max_gaussians}),
+                sfm=choice.sfm(request.camera, self._settings.threads),
+            )
+            try:
+                self._scene = self._growing(settings, monitor)
+            except OtherSettingsError:
+                self._start_again("The settings of the service have changed.", warn)
+                self._scene = self._growing(settings, monitor)
+        return self._scene
+
+    def _start_again(self, reason: str, warn: Warn) -> None:
+        """Delete the growing scene, which the photographs suffice to make; ``reason`` is a sentence."""
+        warn(f"{reason} So the scene was reconstructed from scratch.")
+        self._scene = None
+        shutil.rmtree(self._folder.growing)
+
+    def _growing(self, settings: SceneSettings, monitor: Monitor) -> GrowingScene:
+        dataset = Dataset("scene", self._folder.images, (), arriving=True)
+        return GrowingScene.open(self._folder.growing, dataset, settings, self._rasterizer, monitor)
+
+    def _fine(self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine) -> JobOutcome:
+        placed = self._images(request, monitor, warn, quarantine)
+        fine = self._fine_folder(request.job_id)
+        cameras = fine_cameras(self._growth, fine, placed)
+        wanted, settings = request.request, self._settings
+        photographs = Photographs(self._folder.images, wanted.long_side_px or self._usual_side())
+        views = []
+        for done, view in enumerate(cameras.views, start=1):
+            monitor.check()
+            views.append(photographs.load(view.name, view.camera, view.camera_from_model))
+            monitor.report("load", done, len(cameras.views))
+        trained, held_out = _split(views, wanted.test_every)
+        if wanted.test_every is not None and not held_out:
+            warn(f"No image is held out for testing: {len(views)} are too few. The quality was not measured.")
+        training = PRESETS["fine"].model_copy(update={"max_gaussians": settings.fine_max_gaussians})
+        training = training.with_iterations(wanted.iterations or settings.fine_iterations)
+        checkpoint = fine / "checkpoint.safetensors"
+        trainer = open_trainer(
+            checkpoint,
+            trained,
+            training,
+            lambda: initialise_from_points(cameras.points.xyz, cameras.points.colors, training.sh_degree),
+            self._rasterizer,
+        )
+        with self._gpu_slot(monitor):
+            train_saving(
+                trainer, training.iterations, monitor, lambda: trainer.save(checkpoint), _SAVE_EVERY_S
+            )
+        trainer.save(checkpoint)
+        model = SceneModel.of(trainer)
+        quality = measure(model.gaussians, model.sh_degree, held_out, self._rasterizer, monitor)
+        measured = {} if quality is None else asdict(quality)
+        # Images that arrived after the model's update are neither registered nor unregistered yet.
+        posed = {view.name for view in views}
+        images = {
+            name: image
+            for name, image in placed.items()
+            if name in posed or image.registration is Registration.UNREGISTERED
+        }
+        monitor.report("snapshot", 0, 1)
+        folder = self._folder.outcome(request.job_id)
+        return self._outcome(folder, views, images, model, cameras.points, fine / "sparse", measured)
+
+    def _gpu_slot(self, monitor: Monitor) -> AbstractContextManager[None]:
+        return gpu_slot(self._rasterizer.device, self._settings.trainings_per_gpu, monitor)
+
+    def _fine_folder(self, job_id: str) -> Path:
+        """The folder of the job; those of earlier jobs are deleted."""
+        folder = self._folder.fine(job_id)
+        folder.mkdir(parents=True, exist_ok=True)
+        for other in folder.parent.iterdir():
+            if other != folder:
+                shutil.rmtree(other)
+        return folder
+
+    @property
+    def _growth(self) -> GrowthFolder:
+        return GrowthFolder(SceneFiles(self._folder.growing).sfm)
+
+    def _usual_side(self) -> int:
+        """The image size that the scene's updates train with."""
+        return read_choice(self._folder).long_side_px
+
+    def _outcome(
+        self,
+        folder: Path,
+        views: Sequence[TrainingView],
+        images: Mapping[str, Image],
+        model: SceneModel,
+        points: PointCloud,
+        colmap: Path,
+        measured: Mapping[str, float | None],
+        *,
+        why_unregistered: Mapping[str, str] = MappingProxyType({}),
+        compressed: bool = True,
+    ) -> JobOutcome:
+        """Write the artifacts, which the worker commits, into ``folder``.
+
+        ``colmap`` is the folder of the model with ``views`` and ``points``; ``measured`` are metrics of the
+        model's quality.
+        """
+        posed = {view.name for view in views}
+        unregistered = {
+            image.digest: why_unregistered.get(name, "")
+            for name, image in images.items()
+            if name not in posed
+        }
+        metrics = SnapshotMetrics(
+            registered=len(views),
+            unregistered=len(unregistered),
+            points=len(points),
+            iterations=model.iterations,
+            gaussians=len(model.gaussians),
+            sh_degree=model.sh_degree,
+            **measured,
+        )
+        # Without points, what the scene is about is where the cameras are.
+        around = points.xyz if len(points) else np.stack([view.centre for view in views])
+        files = write_artifacts(
+            folder, views, images, around, model.gaussians, metrics, colmap, compressed=compressed
+        )
+        return JobOutcome(
+            folder=str(folder),
+            files=files,
+            model_from_camera={images[view.name].digest: view.camera_from_model.inverse() for view in views},
+            unregistered=unregistered,
+            metrics=metrics,
+            positions_ignored=self._growth.ignores_positions,
+        )
+
+
+def _quarantine(reasons: Mapping[str, str], request: RunJob, warn: Warn, quarantine: Quarantine) -> None:
+    """Name images in the job's warnings, then quarantine them: the next try does not get them any more."""
+    images = {image.digest: image for image in request.images}
+    for digest, reason in reasons.items():
+        warn(warning(file_name(images[digest]), reason))
+    if reasons:
+        quarantine(reasons)
+
+
+def _split(
+    views: Sequence[TrainingView], test_every: int | None
+) -> tuple[Sequence[TrainingView], Sequence[TrainingView]]:
+    """The views to train on and the held-out views; none is held out when too few would be left."""
+    trained, held_out = hold_out_views(views, test_every or 0)
+    return (trained, held_out) if len(trained) >= 2 else (views, ())

@@ -1,0 +1,224 @@
+"""The runner's server: a thread per connection, one ranking at a time, one job at a time."""
+
+import base64
+import logging
+import threading
+import time
+from collections.abc import Callable, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from functools import partial
+from pathlib import Path
+from typing import Any, TypeVar
+
+from fvs_engine.candidates import CandidateScore
+from fvs_engine.errors import Cancelled, EngineError
+from fvs_engine.monitor import Monitor
+from fvs_engine.splat.raster import create_rasterizer
+from fvs_service.errors import ConflictError, ServiceError
+from fvs_service.host.protocol.connection import Connection, RunnerGoneError
+from fvs_service.host.protocol.messages import (
+    REQUEST,
+    CancelJob,
+    Failure,
+    ForgetImages,
+    Ping,
+    Request,
+    RunJob,
+    YieldScene,
+    failure_of,
+)
+from fvs_service.host.runner.job_monitor import JobMonitor
+from fvs_service.host.runner.listener import Listener
+from fvs_service.host.runner.model_states import ModelStates
+from fvs_service.host.runner.planning import generate_views, plan_views
+from fvs_service.host.runner.ranking import rank_views, render_view
+from fvs_service.host.runner.request_queue import Requester, RequesterGoneError, RequestQueue, Task
+from fvs_service.host.runner.scene_jobs import SceneJobs
+from fvs_service.rankings.port import (
+    GeneratedViews,
+    GenerateViews,
+    PlannedFlight,
+    PlanViews,
+    RankedViews,
+    RankViews,
+    RenderView,
+)
+from fvs_service.settings import Settings
+from fvs_service.storage.blobs import Blobs
+
+RequestT = TypeVar("RequestT", RankViews, RenderView, GenerateViews, PlanViews)
+
+_log = logging.getLogger(__name__)
+
+_FINAL = frozenset({"invalid-input", "no-images", "output-exists", "backend-unavailable"})
+"""Codes of failures that a retry would meet again."""
+
+
+class RunnerServer:
+    """Serves requests about one scene until one of them is ``YieldScene``."""
+
+    def __init__(self, scene_id: str, folder: Path, settings: Settings, secret: str) -> None:
+        blobs = Blobs(settings.root.absolute() / "blobs", settings.blobs)
+        self._rasterizer = create_rasterizer(settings.worker.backend)
+        self._states = ModelStates(scene_id, blobs, self._rasterizer)
+        self._jobs = SceneJobs(folder, blobs, settings.worker, self._rasterizer, self._states)
+        limits = settings.limits
+        self._requests = RequestQueue(limits.rankings_queued_per_scene, limits.rankings_queued_per_key)
+        self._job_running = threading.Lock()
+        self._job_thread = ThreadPoolExecutor(
+            1, "job"
+        )  # one for all jobs: the SfM child ends with its thread
+        self._monitor: JobMonitor | None = None
+        self._worker: Connection | None = None
+        self._yielded = threading.Event()
+        self._used = time.monotonic()
+        self._listener = Listener(settings.worker.address, secret, self._serve_connection)
+
+    @property
+    def backend(self) -> str:
+        """The name of the rasteriser in use."""
+        return self._rasterizer.name
+
+    @property
+    def address(self) -> tuple[str, int]:
+        """Host and port."""
+        return self._listener.address
+
+    def serve(self) -> None:
+        """Serve until the scene is yielded."""
+        threading.Thread(target=self._listener.listen, daemon=True).start()
+        self._yielded.wait()
+
+    def _serve_connection(self, connection: Connection) -> None:
+        try:
+            while True:
+                self._respond(connection, REQUEST.validate_json(connection.receive_line()))
+        except (RunnerGoneError, RequesterGoneError):
+            pass
+        except Exception:
+            _log.exception("A request cannot be read.")
+
+    def _respond(self, connection: Connection, request: Request) -> None:
+        try:
+            response = {"result": self._result(connection, request)}
+        except (RunnerGoneError, RequesterGoneError):
+            raise
+        except Exception as error:
+            if not isinstance(error, EngineError | ServiceError):
+                _log.exception("A request of kind %s failed.", request.kind)
+            failure = _failure_of_job(error) if isinstance(request, RunJob) else failure_of(error)
+            response = {"error": failure}
+        connection.send(response)
+        if isinstance(request, YieldScene) and "result" in response:
+            self._yielded.set()
+
+    def _result(self, connection: Connection, request: Request) -> Any:
+        match request:
+            case RankViews():
+                send = partial(_send_scores, connection) if request.streamed else None
+                ranked, waited_s = self._ask(
+                    connection, request, request.method, len(request.views), self._rank, send
+                )
+                return ranked.model_copy(update={"waited_s": waited_s})
+            case RenderView():
+                return self._ask(connection, request, request.kind, 1, self._render)[0]
+            case GenerateViews():
+                return self._ask(connection, request, request.kind, request.views.count, self._generate)[0]
+            case PlanViews():
+                return self._ask(connection, request, request.kind, request.size, self._plan)[0]
+            case RunJob():
+                return self._run_job(connection, request)
+            case CancelJob():
+                monitor = self._monitor
+                if monitor is not None:
+                    monitor.cancel()
+                return None
+            case YieldScene():
+                if not self._job_running.acquire(blocking=False):
+                    worker = self._worker
+                    if worker is not None:
+                        worker.send({"wanted": True})
+                    raise ConflictError("A job is running.")
+                return None  # the lock stays acquired, so that no other job starts
+            case ForgetImages():
+                if not self._job_running.acquire(blocking=False):
+                    raise ConflictError("A job is running.")
+                try:
+                    self._jobs.forget()
+                finally:
+                    self._job_running.release()
+                return None
+            case Ping():
+                queue = self._requests.status
+                busy = self._job_running.locked() or queue.waiting or queue.computing
+                idle_s = 0.0 if busy else time.monotonic() - self._used
+                return {"idle_s": idle_s, "queue": queue}
+
+    def _ask(
+        self,
+        connection: Connection,
+        request: RequestT,
+        kind: str,
+        views: int,
+        compute: Callable[[RequestT, Monitor], Any],
+        pass_on: Callable[[Sequence[Any]], object] | None = None,
+    ) -> tuple[Any, float]:
+        """Compute a request in its turn; returns the answer and the seconds that it waited."""
+        self._used = time.monotonic()
+        key = request.model_dump_json(exclude={"api_key", "timeout_s", "streamed"})
+        task = Task(key, kind, views, lambda monitor: compute(request, monitor))
+        requester = Requester(request.api_key, request.timeout_s, connection.ended, pass_on)
+        return self._requests.compute(task, requester)
+
+    def _rank(self, request: RankViews, monitor: Monitor) -> RankedViews:
+        state = self._states.of_snapshot(request.snapshot_id)
+        monitor.check()
+        return rank_views(request, state, self._rasterizer, monitor)
+
+    def _render(self, request: RenderView, monitor: Monitor) -> str:
+        state = self._states.of_snapshot(request.snapshot_id)
+        monitor.check()
+        return base64.b64encode(render_view(request, state, self._rasterizer)).decode()
+
+    def _generate(self, request: GenerateViews, monitor: Monitor) -> GeneratedViews:
+        state = self._states.of_snapshot(request.snapshot_id)
+        monitor.check()
+        return generate_views(request, state, monitor)
+
+    def _plan(self, request: PlanViews, monitor: Monitor) -> PlannedFlight:
+        state = self._states.of_snapshot(request.snapshot_id)
+        monitor.check()
+        return plan_views(request, state, monitor)
+
+    def _run_job(self, connection: Connection, request: RunJob) -> Any:
+        if not self._job_running.acquire(blocking=False):
+            raise ConflictError("Another job is running.")
+        try:
+            self._worker = connection
+            self._monitor = JobMonitor(
+                lambda progress: connection.send({"progress": progress}),
+                self._requests,
+            )
+            return self._job_thread.submit(
+                self._jobs.run,
+                request,
+                self._monitor,
+                lambda sentence: connection.send({"warning": sentence}),
+                lambda reasons: connection.send({"quarantined": dict(reasons)}),
+                lambda name, made: connection.send({name: made}),
+            ).result()
+        finally:
+            self._monitor, self._worker, self._used = None, None, time.monotonic()
+            self._job_running.release()
+
+
+def _send_scores(connection: Connection, scores: Sequence[CandidateScore]) -> None:
+    connection.send({"scored": scores})
+
+
+def _failure_of_job(error: Exception) -> Failure:
+    """The message for a failed job, with the engine's own code."""
+    if not isinstance(error, EngineError):
+        return failure_of(error)
+    retryable = error.code not in _FINAL or isinstance(error, Cancelled)
+    return Failure(code=error.code, message=error.message, hint=error.hint, retryable=retryable)

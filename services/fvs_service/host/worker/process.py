@@ -1,0 +1,105 @@
+"""A worker's process: it takes jobs until it is stopped, and sends heartbeats."""
+
+import os
+import signal
+import threading
+from collections.abc import Callable
+from pathlib import Path
+
+import structlog
+from sqlalchemy.exc import SQLAlchemyError
+
+from fvs_service.application import Storage
+from fvs_service.errors import ServiceError
+from fvs_service.host.worker import sign_of_life
+from fvs_service.host.worker.attempts import Attempts
+from fvs_service.host.worker.dispatcher import Dispatcher
+from fvs_service.host.worker.heartbeat import Heartbeats
+from fvs_service.host.worker.leased_scenes import LeasedScenes
+from fvs_service.host.worker.room import Room
+from fvs_service.host.worker.runner_requests import RunnerRequests
+from fvs_service.host.worker.sweep import Sweeps
+from fvs_service.jobs.fleet import HEARTBEAT_S
+from fvs_service.storage.notifications import Topic
+
+_EXIT_REPLACED = 5
+
+_log = structlog.get_logger()
+
+
+class _ReplacedError(Exception):
+    """Another worker has declared this one dead and put its jobs back."""
+
+
+def run_worker(storage: Storage, worker_id: str, beat: Callable[[], None]) -> None:
+    """Run jobs until SIGTERM or SIGINT; to be called in the main thread of a process of its own.
+
+    ``beat`` is called when it is ready and before every heartbeat, with or without the database.
+    """
+    stop = threading.Event()
+    for number in (signal.SIGTERM, signal.SIGINT):
+        signal.signal(number, lambda *_: stop.set())
+    settings = storage.settings
+    room = Room(settings)
+    # First of all: else others might put back the jobs that this worker is about to resume.
+    heartbeats = Heartbeats(storage.database, worker_id, settings.lease_s)
+    heartbeats.beat(
+        slots=settings.worker.jobs_at_once,
+        backend=settings.worker.backend,
+        work=settings.worker.work,
+    )
+    file = settings.heartbeats / worker_id
+    sign_of_life.touch(file)
+    scenes = LeasedScenes(storage, worker_id)
+    attempts = Attempts(storage, scenes, worker_id, room)
+    dispatcher = Dispatcher(
+        worker_id,
+        storage.queue,
+        RunnerRequests(storage.database),
+        attempts.run,
+        scenes.start_runner,
+        slots=settings.worker.jobs_at_once,
+        poll_s=settings.worker.queue_poll_s,
+        has_room=lambda: not room.short,
+    )
+    sweeps = Sweeps(storage, scenes.without_jobs)
+    subscription = storage.database.subscribe({Topic.JOBS: dispatcher.wake, Topic.RUNNERS: dispatcher.wake})
+    dispatcher.start()
+    sweeps.start()
+    beat()
+    _log.info("worker ready", worker=worker_id)
+    try:
+        while not stop.wait(min(HEARTBEAT_S, settings.lease_s)):
+            _maintain(storage, heartbeats, room, scenes, file)
+            beat()
+    except _ReplacedError:
+        _log.warning("replaced by another worker", worker=worker_id)
+        os._exit(_EXIT_REPLACED)  # at once: its jobs run elsewhere
+    finally:
+        sweeps.stop()
+        subscription.close()
+        dispatcher.stop()
+        scenes.stop()
+
+
+def _maintain(storage: Storage, heartbeats: Heartbeats, room: Room, scenes: LeasedScenes, file: Path) -> None:
+    """Send a heartbeat, then touch ``file``, and requeue the jobs of dead workers.
+
+    Raises ``_ReplacedError`` when another worker has put back the jobs of this one.
+    """
+    try:
+        heartbeat = heartbeats.beat(
+            slots=storage.settings.worker.jobs_at_once,
+            disk_full=room.short,
+            backend=scenes.backend,
+            work=storage.settings.worker.work,
+            runner_bytes=scenes.resident_bytes,
+        )
+        if not heartbeat.known:
+            raise _ReplacedError
+        sign_of_life.touch(file)
+        for dead in heartbeat.dead:
+            _log.warning("reaping", worker=dead, jobs=storage.queue.put_back_all(dead))
+            heartbeats.forget(dead)
+    except (SQLAlchemyError, ServiceError) as error:
+        _log.warning("database unavailable", reason=type(error).__name__)

@@ -1,0 +1,137 @@
+import io
+from collections.abc import Callable
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import numpy as np
+import pytest
+from fvs_service.host.protocol.messages import RunJob
+from fvs_service.host.runner.image_files import discard_images, prepare_images
+from fvs_service.host.runner.scene_jobs import SceneJobs
+from fvs_service.ids import new_id
+from fvs_service.images.files import blob_key, with_original_names
+from fvs_service.images.model import Image as SceneImage
+from fvs_service.images.model import Registration, Verdict
+from fvs_service.jobs.model import JobKind, JobRequest
+from fvs_service.model import now
+from fvs_service.settings import WorkerSettings
+from fvs_service.storage.blobs import Blobs
+from PIL import Image
+
+from fvs_engine.errors import EngineError
+from fvs_engine.monitor import Monitor
+
+_ORIENTATION = 0x0112
+
+
+@pytest.fixture
+def store(tmp_path: Path) -> Callable[..., SceneImage]:
+    """Store a photograph as the gateway would have."""
+    blobs = Blobs(tmp_path / "blobs")
+
+    def make(number: int, kind: str = "JPEG", exif: dict[int, object] | None = None) -> SceneImage:
+        pixels = np.random.default_rng(number).integers(0, 256, (48, 64, 3), dtype=np.uint8)
+        tags = Image.Exif()
+        for tag, value in (exif or {}).items():
+            tags[tag] = value
+        out = io.BytesIO()
+        Image.fromarray(pixels).save(out, kind, exif=tags)
+        digest = f"sha256:{number:064x}"
+        blobs.put(out.getvalue(), blob_key("scn", digest))
+        return SceneImage(
+            digest=digest,
+            scene_id="scn",
+            number=number,
+            name=new_id("img"),
+            verdict=Verdict.ACCEPTED,
+            reason="",
+            hint="",
+            warnings=(),
+            duplicate_of=None,
+            registration=Registration.PENDING,
+            size_bytes=len(out.getvalue()),
+            format=kind,
+            width_px=64,
+            height_px=48,
+            focal_length_px=None,
+            sharpness=1.0,
+            prior=None,
+            captured_at=None,
+            received_at=now(),
+        )
+
+    return make
+
+
+def test_photographs_are_upright_files_in_the_order_of_arrival(
+    tmp_path: Path, store: Callable[..., SceneImage]
+) -> None:
+    images = [store(2), store(10, "WEBP"), store(1, exif={_ORIENTATION: 6}), store(3, "PNG")]
+    blobs, folder = Blobs(tmp_path / "blobs"), tmp_path / "scene" / "images"
+    placed = prepare_images(blobs, images, folder, Monitor()).files
+    assert [placed[name].number for name in sorted(placed)] == [1, 2, 3, 10]
+    with Image.open(folder / min(placed)) as turned:
+        assert turned.size == (48, 64)
+    before = {file.name: file.stat().st_mtime_ns for file in folder.iterdir()}
+    again = prepare_images(blobs, [*images, store(11)], folder, Monitor()).files
+    assert len(again) == 5
+    assert before.items() <= {file.name: file.stat().st_mtime_ns for file in folder.iterdir()}.items()
+
+
+def test_a_number_that_is_given_again_does_not_bring_old_pixels_back(
+    tmp_path: Path, store: Callable[..., SceneImage]
+) -> None:
+    blobs, folder = Blobs(tmp_path / "blobs"), tmp_path / "scene" / "images"
+    first, second = store(1), store(2)
+    other = second.model_copy(update={"number": 1, "digest": f"sha256:{'ab' * 32}"})
+    blobs.put(blobs.read(blob_key("scn", second.digest)), blob_key("scn", other.digest))
+    prepare_images(blobs, [first], folder, Monitor())
+    placed = prepare_images(blobs, [other], folder, Monitor())
+    assert list(placed.files) == ["000001-abababababab.jpg"]
+    discard_images(folder, placed.files)
+    assert [file.name for file in folder.iterdir()] == ["000001-abababababab.jpg"]
+
+
+def test_what_was_deleted_meanwhile_is_left_out_and_what_the_engine_rejects_is_named(
+    tmp_path: Path, store: Callable[..., SceneImage]
+) -> None:
+    blobs, folder = Blobs(tmp_path / "blobs"), tmp_path / "scene" / "images"
+    images = [store(number) for number in (1, 2, 3)]
+    blobs.remove(blob_key("scn", images[1].digest))
+    out = io.BytesIO()
+    Image.new("L", (32, 900)).save(out, "JPEG")
+    blobs.put(out.getvalue(), blob_key("scn", images[2].digest))
+    placed = prepare_images(blobs, images, folder, Monitor())
+    assert list(placed.files.values()) == images[:1]
+    assert list(placed.rejected) == [images[2].digest]
+    assert "32×900 px" in placed.rejected[images[2].digest]
+
+
+@pytest.mark.parametrize("kind", JobKind)
+def test_a_job_names_the_images_that_the_engine_rejects(
+    tmp_path: Path, store: Callable[..., SceneImage], kind: JobKind
+) -> None:
+    images = (store(1), store(2))
+    told: list[str] = []
+    quarantined: dict[str, str] = {}
+    blobs, bad = Blobs(tmp_path / "blobs"), images[1]
+    out = io.BytesIO()
+    Image.new("L", (32, 900)).save(out, "JPEG")
+    blobs.put(out.getvalue(), blob_key("scn", bad.digest))
+    nothing = SimpleNamespace()
+    jobs = SceneJobs(tmp_path / "scene", blobs, WorkerSettings(), cast(Any, None), cast(Any, nothing))
+    request = RunJob(
+        job_id="job",
+        request=JobRequest(kind=kind),
+        images=images,
+        camera=None,
+        origin=None,
+        snapshot_id=None,
+    )
+    with pytest.raises(EngineError):  # one image makes no model
+        jobs.run(request, cast(Any, Monitor()), told.append, quarantined.update)
+    (sentence,) = (with_original_names(one, images) for one in told)
+    assert sentence.startswith(f"{bad.name} is quarantined: ")
+    assert "32×900 px" in sentence
+    assert list(quarantined) == [bad.digest]

@@ -1,0 +1,73 @@
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import torch
+from fvs_service.host.runner.quality import measure, spread
+from fvs_service.host.runner.scene_jobs import _split
+
+from fvs_engine.geometry import PinholeCamera, look_at
+from fvs_engine.monitor import Monitor
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.raster import Rasterizer, create_rasterizer
+from fvs_engine.splat.views import TrainingView
+
+
+@pytest.fixture
+def rasterizer() -> Rasterizer:
+    return create_rasterizer("reference")
+
+
+@pytest.fixture
+def blob() -> Gaussians:
+    generator = torch.Generator().manual_seed(3)
+    return Gaussians(
+        means=torch.randn((30, 3), generator=generator) * 0.4,
+        log_scales=torch.full((30, 3), -1.5),
+        quaternions_wxyz=torch.tensor([[1.0, 0.0, 0.0, 0.0]]).repeat(30, 1),
+        opacity_logits=torch.full((30,), 2.0),
+        sh_dc=torch.randn((30, 3), generator=generator),
+        sh_rest=torch.zeros((30, 0, 3)),
+    )
+
+
+def _views(gaussians: Gaussians, rasterizer: Rasterizer, count: int) -> list[TrainingView]:
+    camera = PinholeCamera(32, 24, 30, 30, 16, 12)
+    views = []
+    for number in range(count):
+        angle = 2 * np.pi * number / count
+        pose = look_at([3 * np.cos(angle), 3 * np.sin(angle), 1.0], [0, 0, 0], [0, 0, 1]).inverse()
+        color = rasterizer.render(gaussians, camera, pose, sh_degree=0).color.clamp(0, 1).numpy()
+        views.append(TrainingView(f"{number}.png", camera, pose, np.round(color * 255).astype(np.uint8)))
+    return views
+
+
+def test_a_model_renders_its_own_images_best(blob: Gaussians, rasterizer: Rasterizer) -> None:
+    views = _views(blob, rasterizer, 3)
+    own = measure(blob, 0, views, rasterizer, Monitor())
+    assert own is not None
+    assert own.psnr_db > 50
+    assert own.ssim > 0.99
+    other = measure(replace(blob, sh_dc=-blob.sh_dc), 0, views, rasterizer, Monitor())
+    assert other is not None
+    assert other.psnr_db < 30
+    assert other.ssim < own.ssim
+    assert measure(blob, 0, [], rasterizer, Monitor()) is None
+
+
+def test_views_are_measured_all_over(blob: Gaussians, rasterizer: Rasterizer) -> None:
+    views = _views(blob, rasterizer, 9)
+    assert [view.name for view in spread(views, 3)] == ["0.png", "4.png", "8.png"]
+    assert spread(views, 9) == views
+
+
+@pytest.mark.parametrize(("every", "tested"), [(None, []), (4, ["0.png", "4.png"]), (9, [])])
+def test_held_out_views_are_not_trained_on(
+    blob: Gaussians, rasterizer: Rasterizer, every: Any, tested: list[str]
+) -> None:
+    views = _views(blob, rasterizer, 6)
+    trained, held_out = _split(views, every)
+    assert [view.name for view in held_out] == tested
+    assert {view.name for view in trained} | set(tested) == {view.name for view in views}
+    assert len(trained) + len(tested) == 6

@@ -1,0 +1,239 @@
+"""Workers that do one kind of work: an update goes from one that registers images to one that trains."""
+
+import contextlib
+import socket
+import threading
+from contextlib import closing, suppress
+from pathlib import Path
+from types import SimpleNamespace
+from typing import Any, cast
+
+import pytest
+from fvs_service.host.protocol.connection import Connection, RunnerGoneError
+from fvs_service.host.protocol.messages import RunJob
+from fvs_service.host.runner import scene_jobs
+from fvs_service.host.runner.image_files import PreparedImages
+from fvs_service.host.runner.job_monitor import JobMonitor
+from fvs_service.host.runner.request_queue import RequestQueue
+from fvs_service.host.runner.scene_jobs import SceneJobs
+from fvs_service.jobs.model import JobKind, JobRequest
+from fvs_service.jobs.work import Work, first_work, work_of
+from fvs_service.settings import WorkerSettings
+from fvs_service.storage.tables import JobRow
+from granted_scenes import GrantedScenes
+
+from fvs_engine.errors import Cancelled, DamagedOutputError, OtherSettingsError
+from fvs_engine.monitor import Monitor
+
+
+def test_every_job_begins_with_work_that_some_worker_does() -> None:
+    assert {first_work(kind) for kind in JobKind} == set(Work)
+    assert work_of("all") == frozenset(Work)
+    for work in Work:
+        assert work_of(work.value) == {work}
+
+
+class Runner:
+    """Registers, and says that the training is next; keeps what it was asked."""
+
+    def __init__(self) -> None:
+        self._socket = socket.create_server(("127.0.0.1", 0))
+        host, port = self._socket.getsockname()
+        self.endpoint = f"{host}:{port}/secret"
+        self.asked: dict[str, Any] = {}
+        threading.Thread(target=self._serve, daemon=True).start()
+
+    def close(self) -> None:
+        self._socket.close()
+
+    def _serve(self) -> None:
+        with suppress(OSError, RunnerGoneError), closing(Connection(self._socket.accept()[0])) as connection:
+            connection.receive()
+            self.asked = connection.receive()
+            connection.send({"progress": {"stage": "registration", "share": 1.0}})
+            connection.send({"result": None})
+
+
+def test_a_worker_that_does_not_train_leaves_the_update_to_one_that_does(open_gateway: Any) -> None:
+    gateway = open_gateway(worker=WorkerSettings(work="sfm"))
+    storage, runner = gateway.application.storage, Runner()
+    job = gateway.queue(gateway.scene())
+    attempts = GrantedScenes(gateway, runner.endpoint).attempts()
+    ticket = gateway.take(job)
+    assert attempts.run(ticket) is None  # it lacks nothing
+    storage.queue.put_back(ticket, "tester")
+    runner.close()
+    assert runner.asked["trains"] is False
+    with storage.database.reading() as session:
+        assert session.get(JobRow, job).work == "training"
+    assert storage.queue.take("tester") is None
+    waits = gateway.client.get(f"/v1/jobs/{job}").json()
+    assert (waits["state"], waits["attempt"], waits["stage"]) == ("running", 1, "registration")
+    assert waits["waiting"]["reason"] == "no-worker"
+
+
+class SomeUpdate:
+    """The result of an ``add`` that changes nothing."""
+
+    registered, moved, warnings = (), 0, ()
+
+
+class Scene:
+    """A scene whose models are to be trained."""
+
+    visited: tuple[str, ...] = ()
+    quarantined: dict[str, str] = {}  # noqa: RUF012
+    views: tuple[Any, ...] = ()
+
+    def __init__(self) -> None:
+        self.calls: list[str] = []
+
+    def add(self, *_: Any, **__: Any) -> Any:
+        self.calls.append("add")
+        return SomeUpdate()
+
+    def save(self) -> None:
+        self.calls.append("save")
+
+    def is_trained(self, _quality: str) -> bool:
+        return False
+
+    def train(self, quality: str, _monitor: Monitor) -> None:
+        self.calls.append(f"train {quality}")
+        raise Cancelled("It was asked to train.")
+
+
+def _monitor() -> JobMonitor:
+    return JobMonitor(lambda _stage: None, RequestQueue(1, 1))
+
+
+def _jobs(folder: Path) -> SceneJobs:
+    return SceneJobs(
+        folder,
+        cast(Any, None),
+        WorkerSettings(),
+        cast(Any, SimpleNamespace(device=SimpleNamespace(type="cpu"))),
+        cast(Any, SimpleNamespace()),
+    )
+
+
+def _request(*, trains: bool) -> RunJob:
+    return RunJob(
+        job_id="job",
+        request=JobRequest(kind=JobKind.UPDATE),
+        images=(),
+        camera=None,
+        origin=None,
+        snapshot_id=None,
+        trains=trains,
+    )
+
+
+def test_a_scene_of_other_settings_is_reconstructed_from_scratch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, kept = Scene(), tmp_path / "growing" / "kept"
+    kept.parent.mkdir()
+    kept.touch()
+
+    def opened(folder: Path, *_: Any) -> Scene:
+        if folder.exists():
+            raise OtherSettingsError("It holds another scene: seed was 0 and is 1.")
+        return scene
+
+    images = {name: cast(Any, SimpleNamespace(digest=name)) for name in ("a", "b")}
+    monkeypatch.setattr(scene_jobs, "prepare_images", lambda *_: PreparedImages(images, {}))
+    monkeypatch.setattr(scene_jobs, "pose_priors", lambda *_: {})
+    monkeypatch.setattr(scene_jobs.GrowingScene, "open", opened)
+    warnings: list[str] = []
+    assert _jobs(tmp_path).run(_request(trains=False), _monitor(), warnings.append) is None
+    assert scene.calls == ["add", "save"]
+    assert not kept.exists()
+    assert warnings == [
+        "The settings of the service have changed. So the scene was reconstructed from scratch."
+    ]
+
+
+def test_a_damaged_scene_is_reconstructed_from_scratch(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene, damaged = Scene(), tmp_path / "growing" / "damaged"
+    damaged.parent.mkdir()
+    damaged.touch()
+
+    class Damaged(Scene):
+        def add(self, *_: Any, **__: Any) -> Any:
+            raise DamagedOutputError("The feature database is damaged.")
+
+    images = {name: cast(Any, SimpleNamespace(digest=name)) for name in ("a", "b")}
+    monkeypatch.setattr(scene_jobs, "prepare_images", lambda *_: PreparedImages(images, {}))
+    monkeypatch.setattr(scene_jobs, "pose_priors", lambda *_: {})
+    monkeypatch.setattr(scene_jobs.GrowingScene, "open", lambda *_: Damaged() if damaged.exists() else scene)
+    warnings: list[str] = []
+    assert _jobs(tmp_path).run(_request(trains=False), _monitor(), warnings.append) is None
+    assert scene.calls == ["add", "save"]
+    assert warnings == ["The feature database is damaged. So the scene was reconstructed from scratch."]
+
+
+def test_a_runner_registers_alone_what_its_worker_does_not_train(
+    tmp_path: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    scene = Scene()
+    images = {name: cast(Any, SimpleNamespace(digest=name)) for name in ("a", "b")}
+    prepared = PreparedImages(images, {})
+    monkeypatch.setattr(scene_jobs, "prepare_images", lambda *_: prepared)
+    monkeypatch.setattr(scene_jobs, "pose_priors", lambda *_: {})
+    monkeypatch.setattr(SceneJobs, "_open_scene", lambda *_: scene)
+    jobs = _jobs(tmp_path)
+
+    def run(*, trains: bool) -> Any:
+        return jobs.run(_request(trains=trains), _monitor(), lambda _sentence: None)
+
+    assert run(trains=False) is None
+    assert scene.calls == ["add", "save"]
+    with pytest.raises(Cancelled, match="asked to train"):
+        run(trains=True)
+    assert scene.calls[2:] == ["add", "save", "train quick"]
+
+
+@pytest.mark.parametrize(("count", "visited", "first"), [(20, 0, True), (19, 0, False), (20, 10, False)])
+def test_a_new_scene_of_many_images_gets_a_model_of_its_first_ones(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, count: int, visited: int, first: bool
+) -> None:
+    """Once: another try would take out the images that were added since."""
+    scene, names = Scene(), [f"{number:02}" for number in range(count)]
+    scene.visited = tuple(names[:visited])
+    added: list[int] = []
+    monkeypatch.setattr(Scene, "add", lambda _, some, *__, **___: added.append(len(some)) or SomeUpdate())
+    monkeypatch.setattr(Scene, "train", lambda *_: "a model")
+    images = {name: cast(Any, SimpleNamespace(digest=name)) for name in names}
+    monkeypatch.setattr(scene_jobs, "prepare_images", lambda *_: PreparedImages(images, {}))
+    monkeypatch.setattr(scene_jobs, "pose_priors", lambda *_: {})
+    monkeypatch.setattr(scene_jobs, "discard_images", lambda *_: None)
+    monkeypatch.setattr(scene_jobs, "gpu_slot", lambda *_: contextlib.nullcontext())
+    monkeypatch.setattr(SceneJobs, "_open_scene", lambda *_: scene)
+    monkeypatch.setattr(SceneJobs, "_outcome_of_update", lambda *given, **_: given)
+    published: list[tuple[str, int]] = []
+    warnings: list[str] = []
+    scene.quarantined = {"03": "It crashes."}
+    monkeypatch.setattr(SomeUpdate, "warnings", ("It is doubtful.",))
+    monkeypatch.setattr(scene_jobs, "_quarantine", lambda *_: None)
+    _jobs(tmp_path).run(
+        _request(trains=True),
+        _monitor(),
+        warnings.append,
+        publish=lambda name, outcome: published.append((name, len(cast(Any, outcome)[3]))),
+    )
+    assert added == ([10, count] if first else [count])
+    assert published == ([("first", 9)] if first else []) + [("quick", count - 1)]
+    assert warnings == (["The first 10 images: It is doubtful."] if first else []) + ["It is doubtful."]
+    if first:  # and the job was killed before it saved
+        added.clear()
+        _jobs(tmp_path).run(_request(trains=True), _monitor(), lambda _: None)
+        assert added == [count]
+    (tmp_path / "growing" / "first-model-tried").unlink(missing_ok=True)
+    added.clear()
+    request = _request(trains=True).model_copy(update={"snapshot_id": "snp"})
+    monkeypatch.setattr(SceneJobs, "_evaluate_previous", lambda *_: None)
+    _jobs(tmp_path).run(request, _monitor(), lambda _: None)
+    assert added == [count]
