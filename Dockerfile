@@ -14,7 +14,8 @@ RUN /opt/fvs/bin/pip install --no-cache-dir $PIP_OPTIONS --constraint constraint
 COPY pyproject.toml README.md LICENSE ./
 COPY fvs_engine fvs_engine
 COPY services services
-RUN /opt/fvs/bin/pip install --no-cache-dir --constraint constraints.txt ".[otel]"
+COPY clients/python clients/python
+RUN /opt/fvs/bin/pip install --no-cache-dir --constraint constraints.txt ./clients/python ".[otel]"
 
 # gsplat's kernels must be compiled by the CUDA version that torch in constraints.txt was built with: 13.0.
 FROM nvidia/cuda:13.0.1-devel-ubuntu24.04 AS build-cuda
@@ -26,8 +27,9 @@ RUN python3 -m venv /opt/fvs
 COPY constraints.txt pyproject.toml README.md LICENSE ./
 COPY fvs_engine fvs_engine
 COPY services services
+COPY clients/python clients/python
 # gsplat compiles its kernels at their first use, so the compiler stays in the image.
-RUN /opt/fvs/bin/pip install --no-cache-dir --constraint constraints.txt ".[cuda,otel]"
+RUN /opt/fvs/bin/pip install --no-cache-dir --constraint constraints.txt ./clients/python ".[cuda,otel]"
 
 FROM build-cuda AS cuda
 # hadolint ignore=DL3008

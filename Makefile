@@ -60,10 +60,10 @@ check: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/deptry fvs_engine services --known-first-party fvs_engine --known-first-party fvs_service --per-rule-ignores "DEP002=tbb|httptools|psycopg"
+	$(BIN)/deptry fvs_engine services --package-module-name-map "fvs-client=fvs_schema" --known-first-party fvs_engine --known-first-party fvs_service --per-rule-ignores "DEP002=tbb|httptools|psycopg"
 	$(BIN)/python clients/generate_sync.py --check
 	$(BIN)/python proto/generate.py --check
-	cd clients/python && ../../$(BIN)/deptry . --known-first-party fvs_client --per-rule-ignores "DEP002=pyserial"
+	cd clients/python && ../../$(BIN)/deptry . --known-first-party fvs_client --known-first-party fvs_schema --per-rule-ignores "DEP002=pyserial"
 
 # The kernels are compiled beside the checks: each takes one core.
 test: setup

@@ -76,7 +76,7 @@ def settings() -> str:
     """All settings of the service, with their defaults and ranges, from their docstrings."""
     from fvs_service.settings import Settings
 
-    from fvs_engine.field_docstrings import field_docstrings
+    from fvs_schema.field_docstrings import field_docstrings
 
     docstrings, schema = field_docstrings(Settings.__module__), Settings.model_json_schema()
     groups: dict[str, tuple[str, Json]] = {"FVS_": (Settings.__name__, {})}

@@ -13,7 +13,7 @@ from fvs_service.environment import OF_OTHERS, variables_of
 from fvs_service.settings import BlobSettings, Limits, Retention, Settings, WorkerSettings
 
 from fvs_engine.cli.app import app as fvs
-from fvs_engine.field_docstrings import field_docstrings
+from fvs_schema.field_docstrings import field_docstrings
 
 REPOSITORY = Path(__file__).resolve().parent.parent.parent
 PAGES = [

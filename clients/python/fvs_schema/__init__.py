@@ -1,0 +1,1 @@
+"""The nouns on the wire: what the service and its clients send each other, as immutable records."""
