@@ -147,20 +147,13 @@ def test_retention_by_age_never_takes_the_current_snapshot(open_gateway: Any) ->
     assert _snapshots(gateway, scene) == made[2:]
 
 
-@pytest.mark.parametrize("migrated", [False, True])
-def test_retention_spares_a_snapshot_that_was_the_newest_a_moment_ago(
-    open_gateway: Any, migrated: bool
-) -> None:
+def test_retention_spares_a_snapshot_that_was_the_newest_a_moment_ago(open_gateway: Any) -> None:
     gateway = open_gateway()
     scene = gateway.scene()
     made = [gateway.model(scene) for _ in range(3)]
     database = gateway.application.storage.database
     older = update(SnapshotRow).where(SnapshotRow.id != made[2])
     with database.writing() as session:
-        if migrated:  # rows from before version 0005 of the schema
-            session.execute(update(SnapshotRow).values(recorded_at_ms=0))
-            session.execute(older.values(created_at=now() - timedelta(hours=1)))
-        else:
-            session.execute(older.values(recorded_at_ms=SnapshotRow.recorded_at_ms - 3_600_000))
+        session.execute(older.values(recorded_at_ms=SnapshotRow.recorded_at_ms - 3_600_000))
     RetentionRules(database, Retention(snapshots=1), grace_s=180).apply()
     assert _snapshots(gateway, scene) == made[1:]

@@ -8,18 +8,10 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from fvs_service.errors import NotFoundError, OutOfSpaceError
 from fvs_service.ids import new_id
-from fvs_service.model import now
-from fvs_service.principal import LOCAL_USER
-from fvs_service.scenes.model import SceneRequest
-from fvs_service.scenes.service import Scenes
-from fvs_service.settings import Limits
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.database import KNOWN_VERSIONS, Database
-from fvs_service.storage.owner import claim_store, require_own_store
-from fvs_service.storage.tables import RankingRow, Table
-from fvs_service.visits.repository import visits_of
-from sqlalchemy import select, text
-from sqlalchemy.orm import Session
+from fvs_service.storage.tables import Table
+from sqlalchemy import text
 
 
 @pytest.fixture
@@ -82,77 +74,6 @@ def test_migrations_make_the_tables_that_the_code_uses(tmp_path: Path) -> None:
         assert context.get_current_heads() == (KNOWN_VERSIONS[-1],)
         assert connection.execute(text("PRAGMA journal_mode")).scalar() == "wal"
         assert compare_metadata(context, Table.metadata) == []
-    database.close()
-
-
-def _undo_newest(session: Session) -> None:
-    """Before schema 0005, rows did not have the database's time (scenes: 0007); before 0006 there were no
-    webhooks, before 0008 no plans."""
-    session.execute(text("DROP TABLE webhooks"))
-    session.execute(text("DROP TABLE plans"))
-    session.execute(text("DROP INDEX ix_jobs_recorded"))
-    for table in ("scenes", "jobs", "snapshots", "rankings"):
-        session.execute(text(f"ALTER TABLE {table} DROP COLUMN recorded_at_ms"))
-
-
-def test_rankings_of_an_older_database_come_first_in_the_order_of_their_ids(tmp_path: Path) -> None:
-    database = Database(f"sqlite:///{tmp_path / 'test.sqlite3'}")
-    database.migrate()
-    scene = Scenes(database, Limits()).create(LOCAL_USER, SceneRequest(name="one")).id
-    added = "INSERT INTO rankings (id, scene_id, snapshot_id, document, created_at) VALUES"
-    rest = f"'{scene}', 's', '{{}}', '2026-05-01 12:00:00.000000'"
-    with database.writing() as session:
-        _undo_newest(session)
-        session.execute(text("UPDATE alembic_version SET version_num = '0004'"))
-        session.execute(text(f"{added} ('rnk_3', {rest}), ('rnk_2', {rest})"))
-    database.migrate()
-    with database.writing() as session:
-        row = {"id": "rnk_1", "scene_id": scene, "snapshot_id": "s", "document": {}, "created_at": now()}
-        session.add(RankingRow(**row))
-    with database.reading() as session:
-        found = session.scalars(select(RankingRow.id).order_by(*RankingRow.oldest_first())).all()
-    assert found == ["rnk_2", "rnk_3", "rnk_1"]
-    database.close()
-
-
-def test_visits_of_an_older_database_stay(tmp_path: Path) -> None:
-    database = Database(f"sqlite:///{tmp_path / 'test.sqlite3'}")
-    database.migrate()
-    scene = Scenes(database, Limits()).create(LOCAL_USER, SceneRequest(name="one")).id
-    with database.writing() as session:  # as the third version left it
-        session.execute(text("DROP TABLE visits"))
-        session.execute(
-            text(
-                "CREATE TABLE visits (scene_id VARCHAR(40), vehicle VARCHAR(64), candidate_id VARCHAR(128), "
-                "state VARCHAR(16), pose JSON, reported_at DATETIME, expires_at DATETIME, "
-                "PRIMARY KEY (scene_id, vehicle, candidate_id))"
-            )
-        )
-        pose = '{"frame": "world", "position": [0, 0, 0], "orientation_wxyz": [1, 0, 0, 0]}'
-        times = "'2026-05-01 12:00:00.000000', '9999-05-01 12:00:00.000000'"
-        row = text(f"INSERT INTO visits VALUES ('{scene}', 'north', 'a', 'taken', :pose, {times})")
-        session.execute(row, {"pose": pose})
-        _undo_newest(session)
-        session.execute(text("UPDATE alembic_version SET version_num = '0003'"))
-    database.migrate()
-    with database.reading() as session:
-        assert [(visit.candidate_id, visit.state) for visit in visits_of(session, scene)] == [("a", "taken")]
-    database.close()
-
-
-def test_an_older_database_gets_an_identity_once(tmp_path: Path) -> None:
-    database = Database(f"sqlite:///{tmp_path / 'test.sqlite3'}")
-    blobs = Blobs(tmp_path / "blobs")
-    database.migrate()
-    with database.writing() as session:  # as the first version left it
-        for newer in ("identity", "visits"):
-            session.execute(text(f"DROP TABLE {newer}"))
-        _undo_newest(session)
-        session.execute(text("UPDATE alembic_version SET version_num = '0001'"))
-    for _ in range(2):
-        database.migrate()
-        claim_store(database, blobs)
-        assert require_own_store(database, blobs)
     database.close()
 
 

@@ -33,7 +33,7 @@ class Evaluation(Record):
 
     ``unvisited_db``: mean PSNR of the views that may still be visited, at the dataset's poses, moved by the
     alignment where poses are estimated; None where none is left. ``repeats``: other models of the same views.
-    ``flown``: by each vehicle after the initial views (empty in results of earlier versions).
+    ``flown``: by each vehicle after the initial views.
     """
 
     visited: int

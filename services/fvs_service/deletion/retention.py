@@ -34,11 +34,6 @@ class _Kept:
     created_at: datetime
     recorded_at_ms: int
 
-    @property
-    def by_database_ms(self) -> int:
-        """When it was added, by the clock of the database; rows from before version 0005 have another."""
-        return self.recorded_at_ms or round(1000 * self.created_at.timestamp())
-
 
 class RetentionRules:
     """Applies every scene's retention; numbers that a scene does not set are the service's."""
@@ -106,7 +101,7 @@ class RetentionRules:
         newer: _Kept | None = None
         for place, snapshot in enumerate(snapshots):
             needed = snapshot.pinned or snapshot.id in stay or snapshot.job_id in jobs
-            recent = newer is None or newer.by_database_ms > recently_ms
+            recent = newer is None or newer.recorded_at_ms > recently_ms
             beyond = retention.snapshots is not None and place >= retention.snapshots
             if not needed and not recent and (beyond or snapshot.created_at < oldest):
                 deleted.append(snapshot.id)

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 
-from sqlalchemy import ColumnElement, case, func, select
+from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
 from fvs_service.jobs.model import JobState
@@ -92,9 +92,7 @@ def open_jobs(session: Session) -> Mapping[tuple[str, str, str], int]:
 
 def longest_wait_s(session: Session) -> float:
     """How long the oldest queued job has waited; 0 without one."""
-    # Rows from before version 0005 of the schema do not have the time when they were added.
-    since = case((JobRow.recorded_at_ms == 0, JobRow.waiting_since_ms), else_=JobRow.recorded_at_ms)
     waited_ms = session.scalar(
-        select(now_ms() - func.min(since)).where(JobRow.state == JobState.QUEUED.value)
+        select(now_ms() - func.min(JobRow.recorded_at_ms)).where(JobRow.state == JobState.QUEUED.value)
     )
     return max(0.0, (waited_ms or 0) / 1000)

@@ -40,8 +40,7 @@ def require_own_store(database: Database, blobs: Blobs) -> bool:
         raise StorageRefusedError(
             "The blob store belongs to another database.",
             hint="Check --root, FVS_DATABASE_URL and FVS_BLOBS__URL: two services need two buckets, or two "
-            "prefixes in one. If the other database was this one until a backup without an identity was "
-            f"restored, delete the blob {OWNER_KEY!r}.",
+            "prefixes in one.",
         )
     return True
 

@@ -45,8 +45,7 @@ def columns_of(kind: type[Table]) -> sqlalchemy.Table:
 class Recorded:
     """Rows that record when they were added, by the clock of the database.
 
-    The order of ids is that of the machines' clocks. ``recorded_at_ms`` is 0 in rows from before version 0005
-    of the schema (of scenes: 0007), whose order is that of their ids.
+    The order of ids alone is that of the machines' clocks, which may differ.
     """
 
     id: Mapped[str] = mapped_column(String(40), primary_key=True)

@@ -1,18 +1,15 @@
 """Photographs that a spool sends to a gateway."""
 
 import base64
-import json
 import os
 import threading
 from collections.abc import Callable, Iterator
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import pytest
 from fvs_client import Client, Verdict
 from fvs_client.spool import Outbox, Settings, Spool, connection
-from fvs_client.spool.answers import Answer
 from fvs_client.spool.connection import Target
 from fvs_client.spool.draining import Drain
 from fvs_client.spool.errors import SpoolError
@@ -319,28 +316,6 @@ def test_a_device_whose_key_may_only_upload_is_acknowledged_and_told_the_verdict
     assert refused.refusal.hint
     assert list(folder.glob("*.[jJ]*")) == [broken]
     field.outbox.close()
-
-
-def test_without_a_verdict_nothing_is_deleted(field: Field, monkeypatch: pytest.MonkeyPatch) -> None:
-    """An older service only tells an upload key which digests it knows."""
-    asking = connection.Connection.ask
-
-    def ask(self: connection.Connection, method: str, path: str, *rest: Any) -> Answer:
-        answer = asking(self, method, path, *rest)
-        if method == "GET":
-            problem = {"status": 403, "code": "forbidden", "title": "", "hint": ""}
-            return replace(answer, status=403, content=json.dumps(problem).encode())
-        if path.endswith(":check"):
-            known = json.loads(answer.content)["known"]
-            return replace(answer, content=json.dumps({"known": known, "missing": []}).encode())
-        return answer
-
-    monkeypatch.setattr(connection.Connection, "ask", ask)
-    field.take()
-    assert field.drain(delete_sent=True) == [State.SENT] * 3
-    assert [found.verdict for found in field.outbox.all()] == [None] * 3
-    field.drain(delete_sent=True)
-    assert len(list(field.folder.glob("*.JPG"))) == 3
 
 
 def test_a_key_that_is_not_accepted_refuses_no_photograph(serve: Callable[..., Any], folder: Path) -> None:

@@ -103,11 +103,8 @@ class KnownImage(Answer):
 
 
 class DigestAnswer(Answer):
-    """Which of the digests the scene has, with which verdicts, and which it does not.
-
-    ``images`` are the known ones, in their order; an older service has none in its answer.
-    """
+    """Which of the digests the scene has, and which it does not; ``images`` are the known ones, in order."""
 
     known: tuple[str, ...]
     missing: tuple[str, ...]
-    images: tuple[KnownImage, ...] = ()
+    images: tuple[KnownImage, ...]

@@ -55,7 +55,7 @@ _DELETABLE = """
 number > ? AND state = 'sent' AND verdict = 'accepted' AND deleted = 0 AND NOT EXISTS (
     SELECT 1 FROM photographs AS other
     WHERE other.path = photographs.path AND other.digest = photographs.digest
-    AND (other.state != 'sent' OR other.verdict IS NULL)
+    AND other.state != 'sent'
 )
 """
 _COLUMNS = (
@@ -176,7 +176,7 @@ class Outbox:
         """Record that the service has nothing of it any more: it begins anew."""
         self._update(number, "upload = NULL, offset_bytes = 0")
 
-    def acknowledge(self, number: int, verdict: str | None) -> None:
+    def acknowledge(self, number: int, verdict: str) -> None:
         """Record that the service has acknowledged the digest."""
         self._update(
             number,

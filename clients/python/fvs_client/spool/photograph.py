@@ -68,7 +68,7 @@ class Photograph:
     setbacks: int
     """Answers in a row that were failures, without a byte of progress."""
     verdict: str | None
-    """The service's verdict; None when it is not known."""
+    """The service's verdict; None before there is one."""
     refusal: Refusal | None
     deleted: bool
     """The file was deleted here after it had been sent."""

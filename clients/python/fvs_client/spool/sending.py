@@ -15,16 +15,15 @@ from fvs_client.spool.resumable import ResumableCarrier
 from fvs_client.spool.taking import digest_of
 
 _USABLE = frozenset({"accepted", "duplicate"})
-_NOT_FOUND, _FORBIDDEN = 404, 403
 _INVALID = "invalid-request"
 _CORRECT = "Correct its metadata, in its sidecar if it has one: then it is sent."
 
 
 @dataclass(frozen=True)
 class Acknowledgement:
-    """The scene has the digest; ``verdict`` is None of an older service whose images the key may not read."""
+    """The scene has the digest."""
 
-    verdict: str | None
+    verdict: str
     refusal: Refusal | None = None
     """Why the image cannot be used."""
 
@@ -34,7 +33,6 @@ class Sender:
 
     def __init__(self, outbox: Outbox, connection: Connection, carrier: ResumableCarrier) -> None:
         self._outbox, self._connection, self._carrier = outbox, connection, carrier
-        self._may_read = True
 
     def send(self, photograph: Photograph) -> Refusal | None:
         """Send a photograph; the outbox then has it as sent, or as refused for the reason that is returned.
@@ -97,49 +95,26 @@ class Sender:
         return found
 
     def _acknowledgement(self, photograph: Photograph) -> Acknowledgement | None:
-        """Request the image of a digest; None when the scene does not have it."""
-        images = f"/v1/scenes/{photograph.scene}/images"
+        """Request the verdict on a digest; None when the scene does not have it."""
         digest = f"sha256:{photograph.digest}"
-        if not self._may_read:
-            question = json.dumps({"digests": [digest]}).encode()
-            answer = self._connection.ask(
-                "POST", f"{images}:check", {"Content-Type": "application/json"}, question
-            )
-            return _checked(require_success(answer).document or {}, photograph)
-        answer = self._connection.ask("GET", f"{images}/{digest}")
-        if answer.status == _FORBIDDEN and answer.document is not None:  # a key that may only upload
-            self._may_read = False
-            return self._acknowledgement(photograph)
-        try:
-            document = require_success(answer).document
-        except RefusedError as error:
-            if error.status == _NOT_FOUND:
-                return None
-            raise
-        found = None if document is None else _read(document, photograph)
-        if found is None:
-            raise LinkError("The answer is not from an fvs service.", hint="Is the URL right?", answered=True)
-        return found
+        answer = self._connection.ask(
+            "POST",
+            f"/v1/scenes/{photograph.scene}/images:check",
+            {"Content-Type": "application/json"},
+            json.dumps({"digests": [digest]}).encode(),
+        )
+        document = require_success(answer).document or {}
+        if digest in document.get("missing", ()):
+            return None
+        for image in document.get("images", ()):
+            verdict = image.get("verdict")
+            if image.get("digest") == digest and isinstance(verdict, str):
+                return Acknowledgement(verdict, None if verdict in _USABLE else _refusal(verdict, image))
+        raise LinkError("The answer is not from an fvs service.", hint="Is the URL right?", answered=True)
 
 
-def _read(image: Mapping[str, Any], photograph: Photograph) -> Acknowledgement | None:
-    """The acknowledgement in an image's document; None when it is that of no image, or of another one."""
-    verdict = image.get("verdict")
-    if image.get("digest") != f"sha256:{photograph.digest}" or not isinstance(verdict, str):
-        return None
-    if verdict in _USABLE:
-        return Acknowledgement(verdict)
-    return Acknowledgement(
-        verdict, Refusal(verdict, str(image.get("reason") or verdict), str(image.get("hint") or ""))
-    )
-
-
-def _checked(answer: Mapping[str, Any], photograph: Photograph) -> Acknowledgement | None:
-    """The acknowledgement in the answer to a check of digests; None when the scene lacks this one."""
-    for image in answer.get("images") or ():
-        if (found := _read(image, photograph)) is not None:
-            return found
-    return Acknowledgement(None) if f"sha256:{photograph.digest}" in answer.get("known", ()) else None
+def _refusal(verdict: str, image: Mapping[str, Any]) -> Refusal:
+    return Refusal(verdict, str(image.get("reason") or verdict), str(image.get("hint") or ""))
 
 
 def _require_folder(photograph: Photograph, error: Exception) -> None:

@@ -2,6 +2,7 @@
 
 import sqlalchemy as sa
 from alembic import op
+from fvs_service.ids import new_id
 from fvs_service.storage.tables import UtcDateTime
 
 revision = "0001"
@@ -9,27 +10,18 @@ down_revision = None
 branch_labels = None
 depends_on = None
 
-_TABLES = (
-    *("rankings", "snapshot_artifacts", "snapshots", "job_stages", "scene_leases", "jobs", "images"),
-    *("runner_requests", "events", "scenes", "removals", "sweeps", "idempotency_keys", "api_keys"),
-    *("tenants", "workers"),
-)
-
 
 def upgrade() -> None:
-    """Create the tables and their indexes."""
+    """Create the tables and their indexes, and give the database its identity."""
     _create_tables_of_the_service()
     _create_tables_of_scenes()
     _create_tables_of_jobs()
-
-
-def downgrade() -> None:
-    """Drop everything."""
-    for name in _TABLES:
-        op.drop_table(name)
+    _create_tables_of_flights_and_webhooks()
 
 
 def _create_tables_of_the_service() -> None:
+    identity = op.create_table("identity", sa.Column("id", sa.String(40), primary_key=True))
+    op.bulk_insert(identity, [{"id": new_id("dbs")}])
     op.create_table(
         "workers",
         sa.Column("id", sa.String(128), primary_key=True),
@@ -85,7 +77,7 @@ def _create_tables_of_the_service() -> None:
 def _create_tables_of_scenes() -> None:
     op.create_table(
         "scenes",
-        sa.Column("id", sa.String(40), primary_key=True),
+        *_recorded(),
         sa.Column("tenant_id", sa.String(64), nullable=False, index=True),
         sa.Column("request", sa.JSON(), nullable=False),
         sa.Column("origin", sa.JSON()),
@@ -107,12 +99,7 @@ def _create_tables_of_scenes() -> None:
     op.create_table("runner_requests", _reference("scene_id", "scenes", primary_key=True))
     op.create_table(
         "events",
-        sa.Column(
-            "number",
-            sa.BigInteger().with_variant(sa.Integer(), "sqlite"),
-            primary_key=True,
-            autoincrement=True,
-        ),
+        _number(),
         sa.Column("scene_id", sa.String(40), nullable=False),
         sa.Column("kind", sa.String(32), nullable=False),
         sa.Column("subject", sa.String(80)),
@@ -142,7 +129,7 @@ def _create_tables_of_jobs() -> None:
     queued, in_turn = sa.text("state = 'queued'"), sa.text("worker_id IS NOT NULL")
     op.create_table(
         "jobs",
-        sa.Column("id", sa.String(40), primary_key=True),
+        *_recorded(),
         _reference("scene_id", "scenes", index=True),
         sa.Column("tenant_id", sa.String(64), nullable=False, index=True),
         sa.Column("kind", sa.String(16), nullable=False),
@@ -166,6 +153,7 @@ def _create_tables_of_jobs() -> None:
         _time("created_at"),
         _time("started_at", nullable=True),
         _time("finished_at", nullable=True),
+        sa.Index("ix_jobs_recorded", "recorded_at_ms", "id"),
         sa.Index(
             "ix_jobs_one_queued",
             "scene_id",
@@ -191,7 +179,7 @@ def _create_tables_of_jobs() -> None:
     )
     op.create_table(
         "snapshots",
-        sa.Column("id", sa.String(40), primary_key=True),
+        *_recorded(),
         _reference("scene_id", "scenes", index=True),
         _reference("job_id", "jobs", index=True),
         sa.Column("pinned", sa.Boolean(), nullable=False),
@@ -207,13 +195,57 @@ def _create_tables_of_jobs() -> None:
         sa.Column("size_bytes", sa.BigInteger(), nullable=False),
         sa.Index("ix_snapshot_artifacts_blob", "scene_id", "sha256"),
     )
+    for results in ("rankings", "plans"):
+        op.create_table(
+            results,
+            *_recorded(),
+            _reference("scene_id", "scenes", index=True),
+            sa.Column("snapshot_id", sa.String(40), nullable=False),
+            sa.Column("document", sa.JSON(), nullable=False),
+            _time("created_at"),
+        )
+
+
+def _create_tables_of_flights_and_webhooks() -> None:
     op.create_table(
-        "rankings",
-        sa.Column("id", sa.String(40), primary_key=True),
+        "visits",
+        _number(),
         _reference("scene_id", "scenes", index=True),
-        sa.Column("snapshot_id", sa.String(40), nullable=False),
-        sa.Column("document", sa.JSON(), nullable=False),
+        sa.Column("vehicle", sa.String(64), nullable=False),
+        sa.Column("candidate_id", sa.String(128), nullable=False),
+        sa.Column("state", sa.String(16), nullable=False),
+        sa.Column("pose", sa.JSON(), nullable=False),
+        _time("reported_at"),
+        _time("expires_at"),
+    )
+    op.create_table(
+        "webhooks",
+        sa.Column("id", sa.String(40), primary_key=True),
+        sa.Column("scene_id", sa.String(40), nullable=False, index=True),
+        sa.Column("tenant_id", sa.String(64), nullable=False),
+        sa.Column("url", sa.String(2_000), nullable=False),
+        sa.Column("secret", sa.String(100), nullable=False),
+        sa.Column("kinds", sa.JSON(), nullable=False),
+        sa.Column("delivered", sa.BigInteger(), nullable=False),
+        sa.Column("not_before_ms", sa.BigInteger(), nullable=False),
+        sa.Column("failures", sa.Integer(), nullable=False),
+        _time("failing_since", nullable=True),
+        sa.Column("error", sa.String(500)),
+        sa.Column("disabled", sa.Boolean(), nullable=False),
         _time("created_at"),
+        _time("delivered_at", nullable=True),
+    )
+
+
+def _number() -> sa.Column[object]:
+    kind = sa.BigInteger().with_variant(sa.Integer(), "sqlite")
+    return sa.Column("number", kind, primary_key=True, autoincrement=True)
+
+
+def _recorded() -> tuple[sa.Column[object], sa.Column[object]]:
+    return (
+        sa.Column("id", sa.String(40), primary_key=True),
+        sa.Column("recorded_at_ms", sa.BigInteger(), nullable=False),
     )
 
 
