@@ -29,9 +29,10 @@ from fvs_client import Client
 from fvs_service.gateway.addresses import Addresses
 from fvs_service.gateway.rest import bodies
 from fvs_service.gateway.rest.middleware import RequestContext
-from fvs_service.gateway.rpc import operations, views
+from fvs_service.gateway.rpc import operations
 from fvs_service.host.worker.runners import LeasedRunners
 from fvs_service.logs import configure_logging
+from fvs_service.rankings import rpc as views
 from fvs_service.rankings.model import Ranking
 from fvs_service.rankings.service import Rankings
 from fvs_service.serving.gateway import run_gateway

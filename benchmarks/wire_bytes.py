@@ -16,9 +16,15 @@ import tempfile
 import threading
 from collections.abc import Callable
 from contextlib import closing
+from functools import partial
 from pathlib import Path
 
+import grpc
 import numpy as np
+from fvs.v1.scenes_pb2 import GetSceneRequest
+from fvs.v1.scenes_pb2_grpc import SceneServiceStub
+from fvs.v1.views_pb2 import RankViewsRequest
+from fvs.v1.views_pb2_grpc import ViewServiceStub
 from fvs_client import Candidate, Client, Orbit
 from fvs_service.serving.running import running_service
 from PIL import Image
@@ -92,9 +98,9 @@ def main() -> None:
                 empty = direct.scenes.create("photographs").id
             with closing(CountingRelay(service.url)) as relay:
                 _measure_photographs(rows, relay, empty, folder, options.size)
-                _measure_views(rows, "REST", f"http://{relay.address}", relay, scene.id, options.candidates)
+                _measure_views(rows, relay, scene.id, options.candidates)
             with closing(CountingRelay(service.rpc_url)) as relay:
-                _measure_views(rows, "gRPC", f"grpc://{relay.address}", relay, scene.id, options.candidates)
+                _measure_calls(rows, relay, scene.id, options.candidates)
     table = Table("what", "up, B", "down, B")
     for what, (up, down) in rows.items():
         table.add_row(what, f"{up:,}", f"{down:,}")
@@ -127,11 +133,9 @@ def _measure_photographs(rows: Rows, relay: CountingRelay, scene_id: str, folder
         rows[f"photograph of {size:,} B, by the client"] = relay.counted(lambda: scene.images.upload(put))
 
 
-def _measure_views(
-    rows: Rows, transport: str, url: str, relay: CountingRelay, scene_id: str, count: int
-) -> None:
-    with Client(url) as client:
-        rows[f"{transport}: connect, get the scene"] = relay.counted(lambda: client.scenes.get(scene_id))
+def _measure_views(rows: Rows, relay: CountingRelay, scene_id: str, count: int) -> None:
+    with Client(f"http://{relay.address}") as client:
+        rows["REST: connect, get the scene"] = relay.counted(lambda: client.scenes.get(scene_id))
         scene = client.scenes.get(scene_id)
         orbit = Orbit(count=count)
         listed = [Candidate(id=item.id, pose=item.pose) for item in scene.rank(generator=orbit).candidates]
@@ -142,7 +146,21 @@ def _measure_views(
             f"ranking of {count} listed candidates, the first of it": lambda: scene.rank(listed, top_k=1),
         }
         for what, ask in asked.items():
-            rows[f"{transport}: {what}"] = relay.counted(ask)
+            rows[f"REST: {what}"] = relay.counted(ask)
+
+
+def _measure_calls(rows: Rows, relay: CountingRelay, scene_id: str, count: int) -> None:
+    with grpc.insecure_channel(relay.address) as channel:
+        scenes, views = SceneServiceStub(channel), ViewServiceStub(channel)
+        asked = GetSceneRequest(scene_id=scene_id)
+        rows["gRPC: connect, get the scene"] = relay.counted(lambda: scenes.GetScene(asked))
+        orbit = {"generator": {"orbit": {"count": count}}}
+        ranked = views.RankViews(RankViewsRequest(scene_id=scene_id, ranking=orbit)).candidates
+        listed = {"candidates": {"items": [{"id": one.id, "pose": one.pose} for one in ranked]}}
+        for what, ranking in ((f"an orbit of {count}", orbit), (f"{count} listed candidates", listed)):
+            for more, top in (("", {}), (", the first of it", {"top_k": 1})):
+                request = RankViewsRequest(scene_id=scene_id, ranking={**ranking, **top})
+                rows[f"gRPC: ranking of {what}{more}"] = relay.counted(partial(views.RankViews, request))
 
 
 def _photograph(seed: int, size: int) -> bytes:

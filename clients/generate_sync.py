@@ -1,7 +1,7 @@
 """Generate the synchronous client (``fvs_client/_sync``) from the asynchronous one (``fvs_client/_async``).
 
-``--check`` writes nothing and exits with 1 when a generated file is not current. ``concurrency.py`` and
-``channels.py`` differ between the two and are written by hand.
+``--check`` writes nothing and exits with 1 when a generated file is not current. ``concurrency.py`` differs
+between the two and is written by hand.
 """
 
 import argparse
@@ -16,7 +16,7 @@ import unasync
 
 PACKAGE = Path(__file__).resolve().parent / "python" / "fvs_client"
 SOURCE, TARGET = PACKAGE / "_async", PACKAGE / "_sync"
-BY_HAND = frozenset({"channels.py", "concurrency.py"})
+BY_HAND = "concurrency.py"
 HEADER = "# Generated from _async/{name} by `make generate`. Do not edit.\n"
 REPLACEMENTS = {
     "_async": "_sync",
@@ -25,14 +25,12 @@ REPLACEMENTS = {
     "aiter_raw": "iter_raw",
     "anext": "next",
     "aread": "read",
-    "handle_async_request": "handle_request",
-    "AsyncByteStream": "SyncByteStream",
 }
 
 
 def generate(folder: Path) -> dict[str, str]:
     """Translate every file of ``SOURCE``, using ``folder`` for scratch files: content by file name."""
-    sources = {path.name: path.read_text("utf-8") for path in SOURCE.glob("*.py") if path.name not in BY_HAND}
+    sources = {path.name: path.read_text("utf-8") for path in SOURCE.glob("*.py") if path.name != BY_HAND}
     names = {name for source in sources.values() for name in re.findall(r"\b_?Async[A-Z]\w*", source)}
     renamed = {name: name.replace("Async", "", 1) for name in names}
     scratch, result = folder / "fvs_client" / "_async", folder / "fvs_client" / "_sync"
@@ -50,7 +48,7 @@ def generate(folder: Path) -> dict[str, str]:
 
 def outdated(generated: dict[str, str]) -> list[str]:
     """Names of the files in ``TARGET`` that differ from ``generated``, are missing, or have no source."""
-    present = {path.name: path.read_text("utf-8") for path in TARGET.glob("*.py") if path.name not in BY_HAND}
+    present = {path.name: path.read_text("utf-8") for path in TARGET.glob("*.py") if path.name != BY_HAND}
     return sorted(
         name for name in generated.keys() | present.keys() if generated.get(name) != present.get(name)
     )

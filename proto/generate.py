@@ -1,15 +1,13 @@
-"""Generate what is made from the protos: the service's Python code and the client's descriptors.
+"""Generate the service's Python code from the protos, in `services/fvs/v1`: messages, their types, stubs.
 
-* `services/fvs/v1`: messages, their types, stubs. The protos' package is its path, so that its imports are
-  right as they come.
-* `clients/python/fvs_client/rpc/contract.binpb`: all descriptors, from which the client makes its messages.
+The protos' package is its path, so that its imports are right as they come.
 
 ``--check`` writes nothing and exits with 1 when a generated file is not current, when `buf` finds a fault of
 form or style, or when the protos break callers of the released contract, `proto/released.binpb`, or that is
 missing.
 
 ``--release`` writes the released contract too. Run it when a version is released, and never to silence the
-check: what it holds, callers have. The client's descriptors cannot serve as it, as they follow the protos.
+check: what it holds, callers have.
 """
 
 import argparse
@@ -20,8 +18,7 @@ from importlib.resources import files
 from pathlib import Path
 
 PROTO = Path(__file__).resolve().parent
-ROOT = PROTO.parent
-CODE, CONTRACT = ROOT / "services", ROOT / "clients/python/fvs_client/rpc/contract.binpb"
+CODE = PROTO.parent / "services"
 RELEASED = PROTO / "released.binpb"
 PACKAGE = "fvs/v1"
 BUF = Path(sys.executable).parent / "buf"
@@ -29,25 +26,20 @@ BUF = Path(sys.executable).parent / "buf"
 
 def generate(folder: Path) -> dict[Path, bytes]:
     """Generate everything below ``folder``: content by the path it belongs to."""
-    contract = folder / CONTRACT.name
     command = [
         *(sys.executable, "-m", "grpc_tools.protoc"),
         f"--proto_path={PROTO}",
         f"--proto_path={files('grpc_tools') / '_proto'}",
         *(f"--{kind}_out={folder}" for kind in ("python", "pyi", "grpc_python")),
-        *("--include_imports", f"--descriptor_set_out={contract}"),
         *(str(path) for path in sorted((PROTO / PACKAGE).glob("*.proto"))),
     ]
     subprocess.run(command, check=True)
-    made = {CODE / path.relative_to(folder): path.read_bytes() for path in (folder / PACKAGE).iterdir()}
-    return {**made, CONTRACT: contract.read_bytes()}
+    return {CODE / path.relative_to(folder): path.read_bytes() for path in (folder / PACKAGE).iterdir()}
 
 
 def outdated(generated: dict[Path, bytes]) -> list[Path]:
     """The files that differ from ``generated``, are missing, or have no source."""
     present = {path: path.read_bytes() for path in (CODE / PACKAGE).glob("*_pb2*")}
-    if CONTRACT.exists():
-        present[CONTRACT] = CONTRACT.read_bytes()
     return sorted(
         path for path in generated.keys() | present.keys() if generated.get(path) != present.get(path)
     )

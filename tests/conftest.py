@@ -39,7 +39,6 @@ _DATA = Path(os.environ.get("FVS_DATA", _TESTS.parent.parent / "shared" / "data"
 _STARTS_PROCESSES = {"gateway", "open_gateway", "serve", "running", "script", "service", "serving"}
 _STARTS_PROCESSES |= {"real_service", "played_service", "fvs", "fvs_command", "fvs_until", "yard_dir"}
 _PROCESS_FILES = (
-    "clients/test_rpc.py",
     "clients/test_secure_service.py",
     "clients/test_command_line.py",
     "contract/test_access_rule.py",

@@ -29,7 +29,7 @@ _plain_logs = _service._plain_logs
 @pytest.fixture(scope="session")
 def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
     """A running gateway whose worker the tests play; all share it, each makes scenes of its own."""
-    overrides = {"event_heartbeat_s": 0.2, "grpc_port": 0, "webhook_hosts": ("hooks.example",)}
+    overrides = {"event_heartbeat_s": 0.2, "grpc": False, "webhook_hosts": ("hooks.example",)}
     settings = settings_for(tmp_path_factory.mktemp("clients") / "service", overrides)
     app = create_app(settings, ComputingRunners)
     ports: list[int | None] = []
@@ -41,7 +41,6 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
         assert thread.is_alive()
         time.sleep(0.01)
     port = server.servers[0].sockets[0].getsockname()[1]
-    app.state.rpc_url = f"grpc://127.0.0.1:{ports[0]}"
     with httpx2.Client(base_url=f"http://127.0.0.1:{port}", timeout=30) as plain:
         yield Gateway(app, plain, settings)
     server.handle_exit(signal.SIGTERM, None)
@@ -52,12 +51,6 @@ def gateway(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Any]:
 def url(gateway: Any) -> str:
     """Where it is."""
     return str(gateway.client.base_url).rstrip("/")
-
-
-@pytest.fixture
-def rpc_url(gateway: Any) -> str:
-    """Where it is over gRPC."""
-    return str(gateway.app.state.rpc_url)
 
 
 @pytest.fixture

@@ -16,6 +16,8 @@ import httpx2
 import pytest
 import uvicorn
 from computing_runners import ComputingRunners
+from fvs.v1.views_pb2 import RankViewsRequest
+from fvs.v1.views_pb2_grpc import ViewServiceStub
 from fvs_client import Client, FvsError, Orbit
 from fvs_client.retries import NO_RETRIES
 from fvs_service.serving.gateway import GatewayServer
@@ -96,11 +98,8 @@ def _serving(tmp_path: Path, drain_s: float) -> Iterator[Stopping]:
             thread.join()
 
 
-def _clients(serving: Stopping) -> tuple[Client, Client]:
-    rest = str(serving.gateway.client.base_url).rstrip("/")
-    return Client(rest, retries=NO_RETRIES), Client(
-        f"grpc://127.0.0.1:{serving.rpc_port}", retries=NO_RETRIES
-    )
+def _client(serving: Stopping) -> Client:
+    return Client(str(serving.gateway.client.base_url).rstrip("/"), retries=NO_RETRIES)
 
 
 def test_rankings_in_progress_end_and_new_requests_are_refused(
@@ -110,11 +109,16 @@ def test_rankings_in_progress_end_and_new_requests_are_refused(
     scenes = [service.gateway.scene() for _ in range(2)]
     for scene in scenes:
         service.gateway.model(scene)
-    clients = _clients(service)
-    with ThreadPoolExecutor() as pool, clients[0], clients[1]:
+    asked = RankViewsRequest(scene_id=scenes[1], ranking={"generator": {"orbit": {"count": 8}}})
+    with (
+        ThreadPoolExecutor() as pool,
+        _client(service) as client,
+        grpc.insecure_channel(f"127.0.0.1:{service.rpc_port}") as channel,
+    ):
+        over_grpc = ViewServiceStub(channel).RankViews
         ranked = [
-            pool.submit(client.scenes.get(scene).rank, generator=_ORBIT)
-            for client, scene in zip(clients, scenes, strict=True)
+            pool.submit(client.scenes.get(scenes[0]).rank, generator=_ORBIT),
+            pool.submit(over_grpc, asked),
         ]
         events = pool.submit(service.gateway.client.get, f"/v1/scenes/{scenes[0]}/events")
         for _ in ranked:
@@ -124,9 +128,10 @@ def test_rankings_in_progress_end_and_new_requests_are_refused(
         until = time.monotonic() + 10
         while service.is_ready():
             assert time.monotonic() < until
-        for client in clients:
-            with pytest.raises(FvsError, match="stopping"):
-                client.scenes.get(scenes[0])
+        with pytest.raises(FvsError, match="stopping"):
+            client.scenes.get(scenes[0])
+        with pytest.raises(grpc.RpcError, match="stopping"):
+            over_grpc(asked)
         assert events.result(10).status_code == 200
         assert not any(future.done() for future in ranked)
         service.go.set()
@@ -138,9 +143,8 @@ def test_requests_that_take_longer_are_cut(serving: Callable[[float], Stopping])
     service = serving(0.2)
     scene = service.gateway.scene()
     service.gateway.model(scene)
-    clients = _clients(service)
-    with ThreadPoolExecutor() as pool, clients[0]:
-        ranking = pool.submit(clients[0].scenes.get(scene).rank, generator=_ORBIT)
+    with ThreadPoolExecutor() as pool, _client(service) as client:
+        ranking = pool.submit(client.scenes.get(scene).rank, generator=_ORBIT)
         assert service.begun.acquire(timeout=20)
         service.stop()
         assert service.ended(5)

@@ -6,7 +6,6 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-import pytest
 from fvs_service.scenes.model import Alignment, AlignmentStatus
 from typer.testing import Result
 
@@ -68,9 +67,7 @@ def test_rankings_and_plans_become_missions(run: Run, gateway: Any, tmp_path: Pa
     assert written == str(tmp_path / "new" / "folder" / f"{ranking}.csv")
 
 
-def test_missions_are_refused_in_the_words_of_the_command_line(
-    run: Run, gateway: Any, url: str, rpc_url: str, monkeypatch: pytest.MonkeyPatch
-) -> None:
+def test_missions_are_refused_in_the_words_of_the_command_line(run: Run, gateway: Any) -> None:
     origin = {"latitude_deg": 46.02, "longitude_deg": 7.75, "altitude_m": 500.0}
     scene = gateway.scene(world={"kind": "enu", "origin": origin})
     gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED, scale=10.0))
@@ -108,10 +105,6 @@ def test_missions_are_refused_in_the_words_of_the_command_line(
         for part in said:
             assert part in refused
         assert not re.search(r"[a-z]_[a-z]|openapi", refused.replace("(request req_", "")), refused
-        monkeypatch.setenv("FVS_URL", rpc_url)
-        over_rpc = _said(run("mission", *given, expect=3))
-        monkeypatch.setenv("FVS_URL", url)
-        assert re.sub(r"req_\w+", "", over_rpc) == re.sub(r"req_\w+", "", refused)
 
 
 def test_files_that_cannot_be_written_are_errors_of_one_line(run: Run, gateway: Any, tmp_path: Path) -> None:

@@ -9,7 +9,6 @@ from pathlib import Path
 from typing import Any
 
 import certificates
-import grpc
 import pytest
 import uvicorn
 from computing_runners import ComputingRunners
@@ -37,7 +36,7 @@ def secure(
     if request.param:
         tls["tls_client_ca"] = known["ours"]
     settings = settings_for(
-        tmp_path_factory.mktemp("secure") / "service", {"require_keys": True, "grpc_port": 0, **tls}
+        tmp_path_factory.mktemp("secure") / "service", {"require_keys": True, "grpc": False, **tls}
     )
     app = create_app(settings, ComputingRunners)
     ports: list[int | None] = []
@@ -49,30 +48,22 @@ def secure(
         assert thread.is_alive()
         time.sleep(0.01)
     port = server.servers[0].sockets[0].getsockname()[1]
-    app.state.urls = {"rest": f"https://127.0.0.1:{port}", "rpc": f"grpcs://127.0.0.1:{ports[0]}"}
+    app.state.url = f"https://127.0.0.1:{port}"
     yield app.state
     server.handle_exit(signal.SIGTERM, None)
     thread.join()
 
 
-@pytest.fixture(params=["rest", "rpc"])
-def connect(request: pytest.FixtureRequest, secure: Any, known: dict[str, Path]) -> Connect:
+@pytest.fixture
+def connect(secure: Any, known: dict[str, Path]) -> Connect:
     """Connect with an API key, a CA and a client certificate, each named by its entry in ``known``."""
-    url = secure.urls[request.param]
 
     def open_client(key: str | None, trusted: str = "ours", own: str | None = "client") -> Client:
         mine = None if own is None else known[own]
-        if request.param == "rest":
-            context = ssl.create_default_context(cafile=str(known[trusted]))
-            if mine is not None:
-                context.load_cert_chain(mine, mine.with_suffix(".key"))
-            return Client(url, key, ssl_context=context, retries=NO_RETRIES)
-        credentials = grpc.ssl_channel_credentials(
-            known[trusted].read_bytes(),
-            None if mine is None else mine.with_suffix(".key").read_bytes(),
-            None if mine is None else mine.read_bytes(),
-        )
-        return Client(url, key, credentials=credentials, retries=NO_RETRIES)
+        context = ssl.create_default_context(cafile=str(known[trusted]))
+        if mine is not None:
+            context.load_cert_chain(mine, mine.with_suffix(".key"))
+        return Client(secure.url, key, ssl_context=context, retries=NO_RETRIES)
 
     return open_client
 
@@ -122,10 +113,9 @@ def test_only_certificates_of_the_authority_are_let_in(
 
 
 def test_who_forgets_the_s_is_told(secure: Any) -> None:
-    for url in secure.urls.values():
-        with (
-            Client(url.replace("s://", "://"), retries=NO_RETRIES) as client,
-            pytest.raises(ConnectionFailedError, match=r"The connection to .* broke") as refused,
-        ):
-            client.capabilities()
-        assert "https://, over gRPC grpcs://" in refused.value.hint
+    with (
+        Client(secure.url.replace("s://", "://"), retries=NO_RETRIES) as client,
+        pytest.raises(ConnectionFailedError, match=r"The connection to .* broke") as refused,
+    ):
+        client.capabilities()
+    assert "https://" in refused.value.hint

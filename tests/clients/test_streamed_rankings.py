@@ -36,10 +36,10 @@ async def _numbered(steps: Any) -> Any:
         number += 1
 
 
-@pytest.fixture(params=["rest", "rpc"])
-def scene(request: pytest.FixtureRequest, gateway: Any, url: str, rpc_url: str) -> Iterator[Scene]:
+@pytest.fixture
+def scene(gateway: Any, url: str) -> Iterator[Scene]:
     retries = Retries(first_s=0.01, longest_s=0.05)
-    with Client(url if request.param == "rest" else rpc_url, retries=retries) as client:
+    with Client(url, retries=retries) as client:
         scene = client.scenes.create("quarry")
         gateway.model(scene.id)
         yield scene

@@ -1,6 +1,7 @@
 """What only gRPC has: streams, deadlines, messages of other versions, health, reflection, a stop."""
 
 import asyncio
+import json
 import threading
 import time
 from collections.abc import Callable, Iterator
@@ -13,6 +14,7 @@ from fvs.v1 import images_pb2 as images
 from fvs.v1 import jobs_pb2 as jobs
 from fvs.v1 import scenes_pb2 as scenes
 from fvs.v1 import views_pb2 as views
+from fvs_service.errors import StorageUnavailableError
 from fvs_service.serving import rpc_server as server
 from google.protobuf.descriptor_pb2 import FileDescriptorProto
 from grpc_health.v1.health_pb2 import HealthCheckRequest, HealthCheckResponse
@@ -356,3 +358,26 @@ def test_calls_are_counted_and_have_the_id_that_was_offered(tenant: Any, gateway
     while not metrics.get_sample_value("fvs_requests_total", counted):  # counted after the answer is sent
         assert time.monotonic() < deadline
         time.sleep(0.01)
+
+
+def test_calls_are_logged_with_what_they_are_about_and_why_they_fail(
+    tenant: Any, gateway: Any, capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def fail(*_: object) -> None:
+        raise StorageUnavailableError("The database cannot be reached.") from OSError("connection refused")
+
+    scene = tenant.scene()
+    tenant.call("GetScene", scene_id=scene)
+    monkeypatch.setattr(gateway.application.scenes, "get", fail)
+    assert tenant.call("GetScene", scene_id=scene).code == "unavailable"
+    calls: list[dict[str, Any]] = []
+
+    def logged() -> bool:  # after the answer is sent
+        lines = [json.loads(line) for line in capsys.readouterr().err.splitlines() if line.startswith("{")]
+        calls.extend(line for line in lines if line.get("path", "").endswith("/GetScene"))
+        return len(calls) >= 2
+
+    wait_until(logged)
+    assert {call["scene"] for call in calls} == {scene}
+    assert (calls[0]["status"], calls[-1]["status"]) == ("OK", "UNAVAILABLE")
+    assert (calls[-1]["code"], calls[-1]["reason"]) == ("unavailable", "connection refused")

@@ -15,7 +15,7 @@ class Copy:
     """The protos and what is generated from them, with the program that checks them."""
 
     def __init__(self, folder: Path) -> None:
-        for name in ("proto", "services/fvs", "clients/python/fvs_client/rpc"):
+        for name in ("proto", "services/fvs"):
             shutil.copytree(_ROOT / name, folder / name)
         self.folder = folder
         self.released = folder / "proto/released.binpb"

@@ -1,7 +1,6 @@
 """The service's URL and API key, the options of the HTTP client, and the errors of a failed connection."""
 
 import importlib.metadata
-import importlib.util
 import ipaddress
 import os
 import platform
@@ -16,15 +15,13 @@ from fvs_client.errors import AnswerTimeoutError, ConnectionFailedError, FvsErro
 from fvs_client.requests import Request
 from fvs_client.service_url import DEFAULT_URL, base_url
 
-RPC_SCHEMES = ("grpc", "grpcs")
 _CONNECT_TIMEOUT_S = 10.0
-_SECURE = ("https", "grpcs")
 # A refused client does not learn the reason: with TLS 1.3 the connection just ends.
 _WITH_TLS = (
     "Try again. If it breaks each time, the service may ask clients for a certificate of its authority: give "
-    "one with ssl_context, over gRPC with credentials."
+    "one with ssl_context."
 )
-_WITHOUT_TLS = "Try again. If it breaks each time, the service may have TLS: https://, over gRPC grpcs://."
+_WITHOUT_TLS = "Try again. If it breaks each time, the service may have TLS: https://."
 
 
 @dataclass(frozen=True)
@@ -35,37 +32,21 @@ class Connection:
     api_key: str | None
     timeout_s: float
     ssl_context: ssl.SSLContext | None
-    credentials: Any = None
-    """``grpc.ChannelCredentials``."""
 
     @classmethod
     def resolve(
-        cls,
-        url: str | None,
-        api_key: str | None,
-        timeout_s: float,
-        ssl_context: ssl.SSLContext | None,
-        credentials: Any = None,
+        cls, url: str | None, api_key: str | None, timeout_s: float, ssl_context: ssl.SSLContext | None
     ) -> "Connection":
         """Take the URL and the key that are None from ``FVS_URL`` and ``FVS_API_KEY``.
 
-        Raises ``ValueError`` for an invalid URL, and for one of gRPC where the extra is not installed.
+        Raises ``ValueError`` for an invalid URL.
         """
         chosen = base_url(url or os.environ.get("FVS_URL"))
         parts = urlsplit(chosen)
-        if parts.scheme not in ("http", "https", *RPC_SCHEMES) or not parts.hostname:
+        if parts.scheme not in ("http", "https") or not parts.hostname:
             raise ValueError(f"{chosen!r} is not the URL of a service; an example is {DEFAULT_URL}")
-        if parts.scheme in RPC_SCHEMES:
-            _require_rpc(chosen, ssl_context)
-        elif credentials is not None:
-            raise ValueError(f"credentials are for grpcs://; {chosen} takes an ssl_context.")
         key = api_key or os.environ.get("FVS_API_KEY") or None
-        return cls(chosen, key, timeout_s, ssl_context, credentials)
-
-    @property
-    def rpc(self) -> bool:
-        """Whether the service is reached over gRPC."""
-        return urlsplit(self.url).scheme in RPC_SCHEMES
+        return cls(chosen, key, timeout_s, ssl_context)
 
     @property
     def options(self) -> dict[str, Any]:
@@ -139,22 +120,9 @@ class Connection:
         if isinstance(error, httpx2.TransportError) and not isinstance(error, httpx2.SSEError):
             return ConnectionFailedError(
                 f"The connection to {self.url} broke: {str(error).rstrip('.') or 'no reason known'}.",
-                hint=_WITH_TLS if urlsplit(self.url).scheme in _SECURE else _WITHOUT_TLS,
+                hint=_WITH_TLS if self.url.startswith("https") else _WITHOUT_TLS,
                 request_id=request_id,
             )
         return UnexpectedAnswerError(
             f"The answer of {self.url} cannot be read: {error}", request_id=request_id
         )
-
-
-def _require_rpc(url: str, ssl_context: ssl.SSLContext | None) -> None:
-    """Raise ``ValueError`` when gRPC cannot be used."""
-    parts = urlsplit(url)
-    if parts.port is None or parts.path:
-        raise ValueError(f"{url!r} is not the address of gRPC; an example is grpc://127.0.0.1:8001")
-    if any(importlib.util.find_spec(name) is None for name in ("grpc", "grpc_health")):
-        raise ValueError(
-            f"{url} needs gRPC: pip install 'fvs-client[grpc]', or use the service's http:// URL."
-        )
-    if ssl_context is not None:
-        raise ValueError("gRPC cannot use an ssl_context: give credentials=grpc.ssl_channel_credentials(…).")

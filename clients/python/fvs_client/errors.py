@@ -202,12 +202,6 @@ class OutOfSpaceError(ServiceFailedError):
     code = ErrorCode.OUT_OF_SPACE
 
 
-class UnimplementedError(ApiError):
-    """The service lacks the method, because it is older than this client; only over gRPC."""
-
-    code = ErrorCode.UNIMPLEMENTED
-
-
 class JobError(FvsError):
     """A job did not succeed; ``job`` is its last known state."""
 

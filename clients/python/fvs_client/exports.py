@@ -43,7 +43,6 @@ from fvs_client.errors import (
     UnauthenticatedError,
     UnavailableError,
     UnexpectedAnswerError,
-    UnimplementedError,
     UnreadableFormatError,
     WaitTimeoutError,
 )
@@ -236,7 +235,6 @@ __all__ = [
     "UnauthenticatedError",
     "UnavailableError",
     "UnexpectedAnswerError",
-    "UnimplementedError",
     "UnreadableFormatError",
     "UploadProgress",
     "UploadReport",

@@ -39,14 +39,12 @@ class FileBody:
     size_bytes: int
     on_bytes: Callable[[int], None]
     sent_bytes: int = 0
-    offset_bytes: int = 0
-    """Offset at which a retry resumes: the service has the bytes before it."""
 
     def restart(self) -> None:
-        """Restart from ``offset_bytes``."""
-        if self.sent_bytes != self.offset_bytes:
-            self.on_bytes(self.offset_bytes - self.sent_bytes)
-            self.sent_bytes = self.offset_bytes
+        """Send the file from its beginning."""
+        if self.sent_bytes:
+            self.on_bytes(-self.sent_bytes)
+            self.sent_bytes = 0
 
     def advance(self, size_bytes: int) -> None:
         """Count a chunk that was sent."""

@@ -30,10 +30,6 @@ class AsyncSession:
     ) -> None:
         self.retries = retries
         self._connection = connection
-        if transport is None and connection.rpc:
-            from fvs_client._async.rpc import AsyncRpcTransport  # without it the client needs no gRPC
-
-            transport = AsyncRpcTransport(connection)
         self._http = httpx2.AsyncClient(transport=transport, **connection.options)
 
     async def close(self) -> None:
@@ -105,7 +101,6 @@ class AsyncSession:
         if isinstance(request.body, FileBody):
             options["content"] = _chunks(request.body)
             options["headers"]["Content-Length"] = str(request.body.size_bytes)
-            options["extensions"] = {"body": request.body}
         return self._http.build_request(request.method, request.path, **options)
 
 
@@ -130,7 +125,6 @@ async def _chunks(body: FileBody) -> AsyncIterator[bytes]:
     """The content of a file; raises ``OSError`` when the file no longer has ``size_bytes``."""
     body.restart()
     with await run_blocking(body.path.open, "rb") as file:
-        await run_blocking(file.seek, body.sent_bytes)
         while chunk := await run_blocking(file.read, _CHUNK_BYTES):
             if body.sent_bytes + len(chunk) > body.size_bytes:
                 break

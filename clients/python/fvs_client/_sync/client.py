@@ -3,7 +3,7 @@
 
 import ssl
 from types import TracebackType
-from typing import TYPE_CHECKING, Self
+from typing import Self
 
 import httpx2
 
@@ -19,17 +19,13 @@ from fvs_client.connection import Connection
 from fvs_client.models.service import Capabilities, Health
 from fvs_client.retries import Retries
 
-if TYPE_CHECKING:
-    import grpc
-
 
 class Client:
     """Connection to an fvs service, with its resources as attributes.
 
     ``Client`` blocks and may be shared by threads; ``AsyncClient`` has the same methods for ``await``.
     ``url`` and ``api_key`` default to ``FVS_URL`` and ``FVS_API_KEY``, and the URL then to
-    ``http://127.0.0.1:8000``; ``grpc://host:port``, or ``grpcs`` with TLS, needs ``fvs-client[grpc]``.
-    ``ssl_context``, over gRPC ``credentials``, is for certificates of your own; ``transport`` replaces the
+    ``http://127.0.0.1:8000``. ``ssl_context`` is for certificates of your own; ``transport`` replaces the
     network in tests. Raises ``ValueError`` for an invalid URL.
     """
 
@@ -41,10 +37,9 @@ class Client:
         timeout_s: float = 60.0,
         retries: Retries | None = None,
         ssl_context: ssl.SSLContext | None = None,
-        credentials: "grpc.ChannelCredentials | None" = None,
         transport: httpx2.BaseTransport | None = None,
     ) -> None:
-        connection = Connection.resolve(url, api_key, timeout_s, ssl_context, credentials)
+        connection = Connection.resolve(url, api_key, timeout_s, ssl_context)
         self.url = connection.url
         self._session = Session(connection, retries or Retries(), transport)
         self.scenes = Scenes(self._session)

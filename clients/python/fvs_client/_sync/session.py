@@ -31,10 +31,6 @@ class Session:
     ) -> None:
         self.retries = retries
         self._connection = connection
-        if transport is None and connection.rpc:
-            from fvs_client._sync.rpc import RpcTransport  # without it the client needs no gRPC
-
-            transport = RpcTransport(connection)
         self._http = httpx2.Client(transport=transport, **connection.options)
 
     def close(self) -> None:
@@ -104,7 +100,6 @@ class Session:
         if isinstance(request.body, FileBody):
             options["content"] = _chunks(request.body)
             options["headers"]["Content-Length"] = str(request.body.size_bytes)
-            options["extensions"] = {"body": request.body}
         return self._http.build_request(request.method, request.path, **options)
 
 
@@ -129,7 +124,6 @@ def _chunks(body: FileBody) -> Iterator[bytes]:
     """The content of a file; raises ``OSError`` when the file no longer has ``size_bytes``."""
     body.restart()
     with run_blocking(body.path.open, "rb") as file:
-        run_blocking(file.seek, body.sent_bytes)
         while chunk := run_blocking(file.read, _CHUNK_BYTES):
             if body.sent_bytes + len(chunk) > body.size_bytes:
                 break

@@ -42,9 +42,7 @@ def _options(
     context: typer.Context,
     url: Annotated[
         str | None,
-        typer.Option(
-            envvar="FVS_URL", help="URL of the service: http(s):// or grpc(s)://.", show_default=DEFAULT_URL
-        ),
+        typer.Option(envvar="FVS_URL", help="URL of the service: http(s)://.", show_default=DEFAULT_URL),
     ] = None,
     api_key: Annotated[
         str | None,

@@ -35,7 +35,6 @@ class ErrorCode(Word):
     UNAUTHENTICATED = "unauthenticated"
     UNAVAILABLE = "unavailable"
     UNFINISHED_JOB = "unfinished-job"
-    UNIMPLEMENTED = "unimplemented"
     UNKNOWN_HOST = "unknown-host"
     UNSUPPORTED_MEDIA_TYPE = "unsupported-media-type"
     UNSUPPORTED_VERSION = "unsupported-version"
