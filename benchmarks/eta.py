@@ -28,15 +28,16 @@ import numpy as np
 from fvs_client import Client, EventKind, Job, Scene
 from fvs_client.errors import JobFailedError
 from fvs_service.host.protocol.messages import StageProgress
-from fvs_service.host.worker.progress import PARTS
-from fvs_service.host.worker.remaining_time import RemainingTime
+from fvs_service.host.worker.progress import RemainingTime
 from fvs_service.jobs.model import JobKind
-from fvs_service.jobs.timing import JobSize, JobTiming
+from fvs_service.jobs.stages import JobSize, stage_of_job
+from fvs_service.jobs.timing import JobTiming
 from fvs_service.serving.running import running_service
 from measurement import report
 from PIL import Image
 
 from fvs_engine.images.pixels import reduced_size
+from fvs_schema.stages import Stage
 
 _PER_IMAGE = 25
 _SMALL = {"FVS_WORKER__ITERATIONS_PER_IMAGE": str(_PER_IMAGE)}
@@ -50,7 +51,7 @@ class Estimate:
     """The estimate of a progress event, ``at_s`` after the start of the job."""
 
     at_s: float
-    stage: str
+    stage: Stage
     progress: float
     eta_s: float | None
 
@@ -121,7 +122,7 @@ class Recorder:
             tuple(
                 Estimate(
                     (event.created_at - data.started_at).total_seconds(),
-                    event.data["stage"],
+                    Stage(event.data["stage"]),
                     event.data["progress"],
                     event.data["eta_s"],
                 )
@@ -243,7 +244,7 @@ def replayed(recordings: list[Recording]) -> list[Recording]:
 
 def share_of(kind: JobKind, estimate: Estimate) -> float | None:
     """How far a stage had come, from the progress of the job."""
-    begin, end = PARTS[kind].get(estimate.stage, (0.0, 0.0))
+    begin, end = stage_of_job(estimate.stage).part_of(kind)
     return None if begin == end else min(1.0, max(0.0, (estimate.progress - begin) / (end - begin)))
 
 

@@ -111,7 +111,7 @@ def main() -> None:
             updates = [scene.update() for scene in scenes]
             rows = [wait_of(f"{options.jobs} updates of A, one of B", own.update(), updates)]
             fine = trained.fine(iterations=options.iterations)
-            while fine.refresh().stage != "train":
+            while fine.refresh().stage != "training":
                 time.sleep(_POLL_S)
             time.sleep(_HEAD_START_S)
             small = own.fine(iterations=_SMALL_ITERATIONS)

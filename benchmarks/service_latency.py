@@ -32,16 +32,16 @@ _PARTS = {
     "normalise": "photographs to the worker",
     "load": "photographs to the trainer",
     "evaluate": "rendering the new views",
-    "first model": "model of the first images",
-    "quick training": "quick model",
-    "quick snapshot": "quick model",
-    "train": "full model",
+    "first-model": "model of the first images",
+    "quick-training": "quick model",
+    "quick-snapshot": "quick model",
+    "training": "full model",
     "snapshot": "full model",
 }
 """Stages of a job by what they are for; all others are structure from motion."""
 _RANKING = "ranking, while the full model trains"
 _FIRST_RANKING = "ranking, by the first images"
-_FIRST_MODEL = "first model"
+_FIRST_MODEL = "first-model"
 
 
 class Stopwatch:
@@ -70,7 +70,7 @@ class Stopwatch:
             if self._part == _PARTS[_FIRST_MODEL] and job.stage != _FIRST_MODEL:
                 self.enter(_FIRST_RANKING)
                 self._rank()
-            if job.stage == "train" and _RANKING not in self.seconds:
+            if job.stage == "training" and _RANKING not in self.seconds:
                 self.enter(_RANKING)
                 self._rank()
             self.enter(_PARTS.get(job.stage, f"structure from motion: {job.stage}"))

@@ -150,7 +150,7 @@ def row(
 
 
 def wait_for_training(job: Job) -> None:
-    while job.refresh().stage != "train":
+    while job.refresh().stage != "training":
         if job.state not in ("queued", "running"):
             raise SystemExit(f"The fine model's job has ended: {job.state}.")
         time.sleep(0.2)

@@ -35,7 +35,7 @@ from fvs_engine.lab.simulate import SimulatedCamera, courtyard, orbit, write_pho
 from fvs_engine.monitor import Monitor
 
 _SMALL_MODEL = {"FVS_WORKER__INITIAL_ITERATIONS": "300", "FVS_WORKER__LONG_SIDE_PX": "160"}
-_TRAINING = "train"
+_TRAINING = "training"
 _PATIENCE_S = 3600.0
 _TIMINGS = f"SELECT document FROM job_stages WHERE name = '{TIMING_STAGE}' ORDER BY job_id"
 _COMMITS = "SELECT xact_commit FROM pg_stat_database WHERE datname = current_database()"

@@ -5,6 +5,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from fvs_engine.errors import Cancelled
+from fvs_schema.stages import Stage
 
 
 @dataclass(frozen=True)
@@ -14,7 +15,7 @@ class Progress:
     ``worked``: the share of the stage's work, where its units differ in their work.
     """
 
-    stage: str
+    stage: Stage
     done: int
     total: int | None
     detail: Mapping[str, float | int | str] = field(default_factory=dict)
@@ -47,7 +48,7 @@ class Monitor:
 
     def report(
         self,
-        stage: str,
+        stage: Stage,
         done: int,
         total: int | None = None,
         *,

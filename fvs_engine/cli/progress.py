@@ -4,6 +4,7 @@ import json
 import sys
 import threading
 import time
+from collections.abc import Mapping
 from types import TracebackType
 from typing import IO, Protocol, Self
 
@@ -25,31 +26,32 @@ from rich.table import Column
 from rich.text import Text
 
 from fvs_engine.monitor import Progress
+from fvs_schema.stages import Stage
 
 _LOG_EVERY_S = 10.0
 _JSON_EVERY_S = 0.2
 _WIDE_COLUMNS = 110
 """Terminal width from which a bar is long and has details beside the times."""
 
-_LABELS = {
-    "images": "Checking photographs",
-    "normalise": "Preparing photographs",
-    "features": "Finding features",
-    "pairs": "Choosing pairs",
-    "matching": "Matching pairs",
-    "calibration": "Calibrating",
-    "evidence": "Checking the evidence",
-    "undistort": "Undistorting",
-    "load": "Loading views",
-    "photographs": "Taking photographs",
-    "compile": "Compiling kernels, once",
-    "train": "Training",
-    "evaluate": "Rendering held-out views",
-    "select": "Selecting views",
-    "estimate": "Estimating candidates",
-    "score": "Scoring candidates",
-    "contact-sheet": "Writing the contact sheet",
-    "render": "Rendering",
+_LABELS: Mapping[Stage, str] = {
+    Stage.IMAGES: "Checking photographs",
+    Stage.NORMALISE: "Preparing photographs",
+    Stage.FEATURES: "Finding features",
+    Stage.PAIRS: "Choosing pairs",
+    Stage.MATCHING: "Matching pairs",
+    Stage.CALIBRATION: "Calibrating",
+    Stage.EVIDENCE: "Checking the evidence",
+    Stage.UNDISTORT: "Undistorting",
+    Stage.LOAD: "Loading views",
+    Stage.PHOTOGRAPHS: "Taking photographs",
+    Stage.COMPILE: "Compiling kernels, once",
+    Stage.TRAINING: "Training",
+    Stage.EVALUATE: "Rendering held-out views",
+    Stage.SELECT: "Selecting views",
+    Stage.ESTIMATE: "Estimating candidates",
+    Stage.SCORE: "Scoring candidates",
+    Stage.CONTACT_SHEET: "Writing the contact sheet",
+    Stage.RENDER: "Rendering",
 }
 
 
@@ -80,9 +82,9 @@ def create_display(*, machine: bool) -> Display:
     return LogDisplay(sys.stderr)
 
 
-def label_of(stage: str) -> str:
+def label_of(stage: Stage) -> str:
     """The displayed name of a stage."""
-    return _LABELS.get(stage) or stage.replace("-", " ").replace("_", " ").capitalize()
+    return _LABELS.get(stage) or stage.value.replace("-", " ").capitalize()
 
 
 def _details(progress: Progress) -> str:
@@ -130,7 +132,7 @@ class BarDisplay:
             console=console,
             speed_estimate_period=60,
         )
-        self._tasks: dict[str, TaskID] = {}
+        self._tasks: dict[Stage, TaskID] = {}
         self._lock = threading.Lock()
 
     def __enter__(self) -> "BarDisplay":
@@ -188,7 +190,7 @@ class _StreamDisplay:
     def __init__(self, stream: IO[str]) -> None:
         self._stream = stream
         self._lock = threading.Lock()
-        self._stage = ""
+        self._stage: Stage | None = None
         self._shown = 0.0
 
     def __enter__(self) -> Self:

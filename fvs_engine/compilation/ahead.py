@@ -30,8 +30,8 @@ from numba.core.registry import cpu_target
 from fvs_engine import child_process
 from fvs_engine.compilation.kernels import KERNELS, cache_folder
 from fvs_engine.monitor import Monitor
+from fvs_schema.stages import Stage
 
-STAGE = "compile"
 _POLL_S = 0.1
 _log = logging.getLogger(__name__)
 _ready: set[str] = set()
@@ -155,7 +155,7 @@ def _compiled(source: Path, folder: Path) -> list[Path]:
 
 def _compile_in_child(warm_up: str, stamp: Path, monitor: Monitor) -> None:
     monitor.check()
-    monitor.report(STAGE, 0)
+    monitor.report(Stage.COMPILE, 0)
     with tempfile.TemporaryFile("w+", encoding="utf-8", errors="replace") as complaints:
         order = json.dumps({"warm_up": warm_up, "stamp": str(stamp)})
         try:
@@ -189,6 +189,6 @@ def _wait(child: "subprocess.Popen[str]", steps: list[str], monitor: Monitor) ->
         if len(steps) > seen:
             seen = len(steps)
             done, total = steps[-1].split()
-            monitor.report(STAGE, int(done), int(total))
+            monitor.report(Stage.COMPILE, int(done), int(total))
         with contextlib.suppress(subprocess.TimeoutExpired):
             child.wait(_POLL_S)

@@ -13,6 +13,7 @@ from fvs_engine.images.focal import focal_length_px
 from fvs_engine.images.limits import MIN_SIDE_PX, ImageLimits, UnusableImageError
 from fvs_engine.images.pixels import decode
 from fvs_engine.monitor import Monitor
+from fvs_schema.stages import Stage
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".jpe", ".mpo", ".png", ".tif", ".tiff", ".webp", ".bmp"})
 UNREADABLE_SUFFIXES = frozenset(
@@ -142,7 +143,7 @@ def _examined(
         results = executor.map(lambda name: _examine(folder, name), names)
         for done, result in enumerate(results, start=1):
             yield result
-            monitor.report("images", done, len(names))
+            monitor.report(Stage.IMAGES, done, len(names))
             monitor.check()
     finally:
         executor.shutdown(cancel_futures=True)

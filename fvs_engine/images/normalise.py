@@ -14,6 +14,7 @@ from PIL import Image
 from fvs_engine.images.catalog import Photograph
 from fvs_engine.images.pixels import decode
 from fvs_engine.monitor import Monitor
+from fvs_schema.stages import Stage
 
 _SUFFIXES = {"JPEG": (".jpg", ".jpeg", ".jpe"), "MPO": (".jpg", ".jpeg", ".jpe"), "PNG": (".png",)}
 _UNSAFE = re.compile(r"[\s#%]")
@@ -58,7 +59,7 @@ def normalise_images(
     executor = ThreadPoolExecutor(threads or os.cpu_count() or 1)
     try:
         for done, _ in enumerate(executor.map(_write, photographs, paths.values()), start=1):
-            monitor.report("normalise", done, len(photographs))
+            monitor.report(Stage.NORMALISE, done, len(photographs))
             monitor.check()
     finally:
         executor.shutdown(cancel_futures=True)

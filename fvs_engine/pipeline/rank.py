@@ -26,6 +26,7 @@ from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.splat.render import render_color
 from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.views import PinholeView
+from fvs_schema.stages import Stage
 
 _log = logging.getLogger(__name__)
 
@@ -116,7 +117,7 @@ def rank_candidates(
     for done, item in enumerate(first, start=1):
         monitor.check()
         shown.append(SheetEntry(item, render_color(gaussians, by_name[item.name], rasterizer)))
-        monitor.report("contact-sheet", done, len(first))
+        monitor.report(Stage.CONTACT_SHEET, done, len(first))
     contact_sheet(folder / "contact_sheet.png", shown, title=f"Next views · {root.absolute().name}")
     return ranking, folder
 

@@ -15,6 +15,7 @@ from fvs_engine.pipeline.model import TrainedModel, open_model
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.splat.render import render_color, to_pixels
 from fvs_engine.views import PinholeView
+from fvs_schema.stages import Stage
 
 
 def render_views(
@@ -57,7 +58,7 @@ def render_views(
             path.parent.mkdir(parents=True, exist_ok=True)
             Image.fromarray(pixels).save(path)
         paths.append(path)
-        monitor.report("render", done, len(wanted))
+        monitor.report(Stage.RENDER, done, len(wanted))
         monitor.check()
     return tuple(paths)
 

@@ -38,6 +38,7 @@ from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import PinholeView
+from fvs_schema.stages import Stage
 
 _CHECKPOINT_EVERY_S = 60.0
 _BYTES_PER_GAUSSIAN = 1_000
@@ -183,7 +184,7 @@ def _evaluate(
             path.parent.mkdir(parents=True, exist_ok=True)
             pixels = np.concatenate([view.image, to_pixels(rendered)], axis=1)
             Image.fromarray(pixels).save(path)
-        monitor.report("evaluate", done, len(held_out))
+        monitor.report(Stage.EVALUATE, done, len(held_out))
         monitor.check()
     return Metrics(
         views=tuple(results),

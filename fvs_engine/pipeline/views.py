@@ -13,6 +13,7 @@ from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import PinholeView
+from fvs_schema.stages import Stage
 
 
 def read_undistorted(workspace: Workspace) -> Reconstruction:
@@ -49,7 +50,7 @@ def load_views(
                 hint="The cameras belong to other images: give the images that they were computed from.",
             )
         loaded.append(TrainingView(view.name, view.camera, view.camera_from_model, image))
-        monitor.report("load", done, len(views))
+        monitor.report(Stage.LOAD, done, len(views))
         monitor.check()
     return loaded
 

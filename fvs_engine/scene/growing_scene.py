@@ -27,6 +27,7 @@ from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import AnyView
+from fvs_schema.stages import Stage
 
 
 class GrowingScene:
@@ -268,7 +269,7 @@ class GrowingScene:
                 moved += not np.array_equal(before.camera_from_model.matrix, view.camera_from_model.matrix)
             posed[view.name] = view
             views.append(training)
-            monitor.report("load", done, len(ordered))
+            monitor.report(Stage.LOAD, done, len(ordered))
         return posed, tuple(views), moved
 
     def _scarcity(self) -> tuple[str, ...]:
@@ -304,7 +305,7 @@ class GrowingScene:
             if not self.dataset.arriving or (self.dataset.image_dir / view.name).is_file():
                 views.append(self._photographs.load(view.name, view.camera, view.camera_from_model))
                 posed[view.name] = view
-            monitor.report("load", done, len(state.views))
+            monitor.report(Stage.LOAD, done, len(state.views))
         shared = len(starts) - state.two_view_points
         self._set(posed, views, PointCloud(starts.xyz[:shared], starts.colors[:shared]), starts)
 

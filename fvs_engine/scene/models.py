@@ -22,8 +22,9 @@ from fvs_engine.splat.session import train_saving
 from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import AnyView, PinholeView, View
+from fvs_schema.stages import Stage
 
-STAGES: Mapping[ModelQuality, str] = {"quick": "quick training", "full": "train"}
+STAGES: Mapping[ModelQuality, Stage] = {"quick": Stage.QUICK_TRAINING, "full": Stage.TRAINING}
 """The stage in which each model is trained."""
 
 _SAVE_EVERY_S = 60.0

@@ -22,6 +22,7 @@ from fvs_engine.score.estimate.nearness import Look, Nearness, nearest_photograp
 from fvs_engine.score.parallel import map_in_order
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.views import PinholeView
+from fvs_schema.stages import Stage
 
 MOST_NEAR = 0.5
 """Share of a view that may show the model from nearer than half the distance of the nearest photograph.
@@ -117,7 +118,7 @@ class FeasibilityCheck:
         looks: list[Look] = []
         for found in map_in_order(look, candidates, _CPU):
             looks.append(found)
-            monitor.report("feasibility", len(looks), len(candidates))
+            monitor.report(Stage.FEASIBILITY, len(looks), len(candidates))
         near = np.array([found.near > MOST_NEAR for found in looks], dtype=bool)
         centres = np.array([view.centre for view in candidates]).reshape(-1, 3)
         if space.safety > 0.0:

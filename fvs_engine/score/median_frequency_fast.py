@@ -26,6 +26,7 @@ from fvs_engine.score.renderings import MIN_COVERAGE, check_min_coverage
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
+from fvs_schema.stages import Stage
 
 FIRST = 10
 EXPECTED_MISSES = 0.03
@@ -75,7 +76,7 @@ class MedianFrequencyFast:
         ranking = _Ranking(candidates, estimates, self.first, self.min_coverage)
         with threadpool_limits(1, "blas"):  # after each prediction its other threads keep cores busy, waiting
             while wanted := ranking.to_measure():
-                monitor.report("score", len(ranking.measured))
+                monitor.report(Stage.SCORE, len(ranking.measured))
                 ranking.add(
                     wanted,
                     exact.score(

@@ -15,6 +15,7 @@ from fvs_engine.score.parallel import map_in_order
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
+from fvs_schema.stages import Stage
 
 MIN_COVERAGE = 0.1
 """Coverage below which a view's score is not comparable with others."""
@@ -83,7 +84,7 @@ class RenderingScorer(ABC):
         for found in map_in_order(scores_of, _batches(candidates, device), device):
             scores += found
             monitor.pass_on(found)
-            monitor.report("score", len(scores), len(candidates))
+            monitor.report(Stage.SCORE, len(scores), len(candidates))
         return tuple(scores)
 
 

@@ -47,6 +47,7 @@ from fvs_engine.select.stopping import (
 from fvs_engine.select.vehicles import Vehicle, Vehicles
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
+from fvs_schema.stages import Stage
 
 __all__ = [
     "AlignmentRecord",
@@ -58,7 +59,6 @@ __all__ = [
     "StopReason",
 ]
 
-STAGE = "select"
 
 _ALIGNMENT_HINT = (
     "Check that the poses belong to these photographs and which axes they use; `--poses known` takes them as "
@@ -195,7 +195,7 @@ class SelectionLoop:
         """
         if self._begun:
             return ()
-        monitor.report(STAGE, len(self.visited), self.settings.budget)
+        monitor.report(Stage.SELECT, len(self.visited), self.settings.budget)
         warnings: tuple[str, ...] = ()
         if self._pending is None:  # otherwise ``step`` finishes the pending choice
             warnings, _ = self._add(self.visited, monitor)
@@ -215,7 +215,7 @@ class SelectionLoop:
         self._folder.write_step(record.choice, record)
         self._records.append(record)
         self._pending = None
-        monitor.report(STAGE, len(self.visited), self.settings.budget, travel=record.travel)
+        monitor.report(Stage.SELECT, len(self.visited), self.settings.budget, travel=record.travel)
         return record
 
     def choose(self, monitor: Monitor) -> Choice | StopReason:

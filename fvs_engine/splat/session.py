@@ -9,8 +9,9 @@ from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.settings import TrainingSettings
-from fvs_engine.splat.trainer import STAGE, Trainer
+from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
+from fvs_schema.stages import Stage
 
 
 def open_trainer(
@@ -39,7 +40,7 @@ def train_saving(
     monitor: Monitor,
     save: Callable[[], None],
     every_s: float,
-    stage: str = STAGE,
+    stage: Stage = Stage.TRAINING,
 ) -> None:
     """Train up to ``until_iteration``, calling ``save`` every ``every_s`` seconds and when cancelled.
 

@@ -33,8 +33,8 @@ from fvs_engine.splat.settings import TrainingSettings
 from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.view_order import ViewOrder
 from fvs_engine.splat.views import TrainingView, scene_extent
+from fvs_schema.stages import Stage
 
-STAGE = "train"
 _RATE_SMOOTHING = 0.05
 _LOSS_SMOOTHING = 0.05
 
@@ -117,7 +117,7 @@ class Trainer:
             self._targets[index] = _Target(reduced.camera, image)
         return self._targets[index]
 
-    def train(self, until_iteration: int, monitor: Monitor, stage: str = STAGE) -> None:
+    def train(self, until_iteration: int, monitor: Monitor, stage: Stage = Stage.TRAINING) -> None:
         """Train up to iteration ``until_iteration``; report each iteration to ``monitor`` as ``stage``.
 
         Raises ``Cancelled`` between two iterations: the trainer can go on or be saved. Raises

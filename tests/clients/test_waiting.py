@@ -48,7 +48,7 @@ class Worker:
             message="Too little overlap.",
             hint="Fly slower.",
             retryable=False,
-            stage="mapping",
+            stage="matching",
         )
         self._ledger.fail(self._lease, self._job, why)
 
@@ -65,7 +65,7 @@ def test_progress_comes_over_events_and_the_job_is_returned(gateway: Any, scene:
         worker.start,
         lambda: worker.report("features", 0.2),
         lambda: worker.report("matching", 0.4),
-        lambda: worker.report("train", 0.9),
+        lambda: worker.report("training", 0.9),
         worker.succeed,
     ]
     seen: list[Job] = []
@@ -77,7 +77,7 @@ def test_progress_comes_over_events_and_the_job_is_returned(gateway: Any, scene:
 
     done = job.wait(on_progress=on_progress)
     assert done.state is JobState.SUCCEEDED
-    assert [now.stage for now in seen] == [None, None, "features", "matching", "train", "train"]
+    assert [now.stage for now in seen] == [None, None, "features", "matching", "training", "training"]
     assert [now.progress for now in seen] == [0, 0, 0.2, 0.4, 0.9, 1.0]
     assert [now.state for now in seen[:3]] == [JobState.QUEUED, JobState.RUNNING, JobState.RUNNING]
     assert seen[3].eta_s == 3.0
@@ -93,7 +93,7 @@ def test_a_failed_job_raises_what_it_said(gateway: Any, scene: Scene) -> None:
         job.wait()
     assert caught.value.hint == "Fly slower."
     assert caught.value.job.error is not None
-    assert caught.value.job.error.stage == "mapping"
+    assert caught.value.job.error.stage == "matching"
 
 
 def test_a_canceled_job_raises_and_can_be_retried(scene: Scene) -> None:
@@ -164,7 +164,7 @@ def test_waiting_survives_broken_streams(gateway: Any, url: str, transport: Cutt
         scene = client.scenes.create("quarry")
         job = scene.update()
         worker = Worker(gateway, scene, job)
-        moves: list[Play] = [worker.start, lambda: worker.report("train", 0.5), worker.succeed]
+        moves: list[Play] = [worker.start, lambda: worker.report("training", 0.5), worker.succeed]
         seen: list[float] = []
 
         def on_progress(now: Job) -> None:

@@ -164,7 +164,11 @@ def _job_error() -> Any:
     from fvs_service.jobs.model import JobError
 
     return JobError(
-        code="too-few-images", message="There are too few.", hint="Send more.", retryable=False, stage="sfm"
+        code="too-few-images",
+        message="There are too few.",
+        hint="Send more.",
+        retryable=False,
+        stage="matching",
     )
 
 

@@ -10,10 +10,10 @@ def test_a_saving_monitor_passes_on_and_saves_when_it_is_time() -> None:
     saves: list[int] = []
     outer = Monitor(reports.append)
     saving = SavingMonitor(outer, lambda: saves.append(1), every_s=0.0)
-    saving.report("train", 3, 9, loss=0.5)
+    saving.report("training", 3, 9, loss=0.5)
     saving.check()
     saving.check()
-    assert reports == [Progress("train", 3, 9, {"loss": 0.5})]
+    assert reports == [Progress("training", 3, 9, {"loss": 0.5})]
     assert len(saves) == 2
     rarely = SavingMonitor(outer, lambda: saves.append(1), every_s=1e6)
     rarely.check()

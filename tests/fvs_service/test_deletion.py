@@ -126,7 +126,7 @@ def test_the_worker_of_a_deleted_scene_stops_and_changes_nothing(gateway: Any) -
     for write in (
         lambda: storage.leases.extend(lease),
         lambda: storage.ledger.succeed(lease, job),
-        lambda: storage.ledger.report(lease, job, "train", 0.5),
+        lambda: storage.ledger.report(lease, job, "training", 0.5),
     ):
         with pytest.raises(StaleLeaseError):
             write()

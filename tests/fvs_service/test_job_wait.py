@@ -36,7 +36,7 @@ def test_a_change_of_the_state_is_answered_at_once_and_progress_is_not(gateway: 
     ledger.start(lease, job, 1)
     assert started.result().json()["state"] == "running"
     ended, other = ask(job), gateway.queue(gateway.scene())
-    ledger.report(lease, job, "train", 0.5, eta_s=3.0)
+    ledger.report(lease, job, "training", 0.5, eta_s=3.0)
     gateway.client.post(f"/v1/jobs/{other}:cancel")
     ledger.succeed(lease, job)
     assert ended.result().json()["state"] == "succeeded"

@@ -46,10 +46,10 @@ def test_progress_never_goes_back(gateway: Any) -> None:
     ledger = gateway.application.storage.ledger
     assert ledger.start(lease, job_id, 1).state is JobState.RUNNING
     shown = []
-    for stage, progress in (("features", 0.2), ("matching", 0.1), ("mapping", 0.5), ("train", 0.4)):
+    for stage, progress in (("features", 0.2), ("matching", 0.1), ("evidence", 0.5), ("training", 0.4)):
         ledger.report(lease, job_id, stage, progress, eta_s=3.0)
         shown.append((_job(gateway, job_id)["stage"], _job(gateway, job_id)["progress"]))
-    assert shown == [("features", 0.2), ("matching", 0.2), ("mapping", 0.5), ("train", 0.5)]
+    assert shown == [("features", 0.2), ("matching", 0.2), ("evidence", 0.5), ("training", 0.5)]
     ledger.warn(lease, job_id, "Something is odd.")
     ledger.warn(lease, job_id, "Something is odd.")
     ledger.succeed(lease, job_id)
@@ -87,7 +87,7 @@ def test_a_failed_job_says_why_and_is_retried_without_its_finished_stages(gatewa
     ledger.start(lease, job_id, 1)
     ledger.commit_stage(lease, job_id, "features", {"images": 3})
     ledger.commit_stage(lease, job_id, "features", {"images": 4})
-    error = JobError(code="training-failed", message="No.", hint="Try.", retryable=True, stage="train")
+    error = JobError(code="training-failed", message="No.", hint="Try.", retryable=True, stage="training")
     ledger.fail(lease, job_id, error)
     failed = _job(gateway, job_id)
     assert (failed["state"], failed["error"]["code"]) == ("failed", "training-failed")
@@ -199,9 +199,9 @@ def test_a_worker_that_lost_its_lease_changes_nothing(gateway: Any) -> None:
     writes = [
         lambda: storage.leases.extend(frozen),
         lambda: storage.ledger.start(frozen, job_id, 1),
-        lambda: storage.ledger.report(frozen, job_id, "train", 0.9),
+        lambda: storage.ledger.report(frozen, job_id, "training", 0.9),
         lambda: storage.ledger.warn(frozen, job_id, "late"),
-        lambda: storage.ledger.commit_stage(frozen, job_id, "train", {}),
+        lambda: storage.ledger.commit_stage(frozen, job_id, "training", {}),
         lambda: storage.ledger.succeed(frozen, job_id),
         lambda: storage.ledger.cancel(frozen, job_id),
         lambda: storage.ledger.fail(frozen, job_id, error),
@@ -211,7 +211,7 @@ def test_a_worker_that_lost_its_lease_changes_nothing(gateway: Any) -> None:
         with pytest.raises(StaleLeaseError):
             write()
     assert _job(gateway, job_id) == before
-    assert storage.ledger.stage(job_id, "train") is None
+    assert storage.ledger.stage(job_id, "training") is None
     assert storage.ledger.start(other, job_id, 1).id == job_id
 
 

@@ -87,7 +87,7 @@ def test_the_latest_is_found_whatever_the_clocks_of_machines_say(
         for job, took_s in ((first, 1000), (last, 10)):
             job.finished_at = job.started_at + timedelta(seconds=took_s)
             size = JobSize(first=True, images=6, new=6, megapixels=1, train_megapixels=1, iterations=7)
-            timing = JobTiming(size=size, seconds={"train": took_s}).model_dump(mode="json")
+            timing = JobTiming(size=size, seconds={"training": took_s}).model_dump(mode="json")
             session.add(JobStageRow(job_id=job.id, name=TIMING_STAGE, document=timing, created_at=now()))
         session.execute(update(SnapshotArtifactRow).values(sha256="0" * 64))  # equal models
     monkeypatch.setattr("fvs_service.jobs.waiting._RECENT", 1)
@@ -95,7 +95,7 @@ def test_the_latest_is_found_whatever_the_clocks_of_machines_say(
     with gateway.application.storage.database.reading() as session:
         assert _usual_s(session, JobKind.UPDATE) == 10
         (timing,) = past_timings(session, JobKind.UPDATE, first=True)
-        assert timing.seconds == {"train": 10}
+        assert timing.seconds == {"training": 10}
         found = with_artifacts(session, scene, {"point_cloud.ply": "0" * 64})
     assert found is not None
     assert found.id == newest

@@ -96,7 +96,7 @@ class FailingRunner:
         with suppress(OSError, RunnerGoneError), closing(Connection(self._socket.accept()[0])) as connection:
             connection.receive()
             connection.receive()
-            for stage in ("features", "features", "train"):
+            for stage in ("features", "features", "training"):
                 connection.send({"progress": {"stage": stage, "share": 0.5}})
             failure = {"code": "training-failed", "message": "It diverged.", "hint": "", "retryable": True}
             connection.send({"error": failure})

@@ -13,8 +13,8 @@ from fvs_engine.score import CandidateScore
 from fvs_engine.select.loop import SelectionLoop
 from fvs_engine.select.selectors import create_selector
 from fvs_engine.splat.torch_threads import torch_threads_for
+from fvs_schema.stages import Stage
 
-STAGE = "calibrate"
 _FEWEST = 3
 """Minimum number of candidates for a rank correlation: that of two is always +1 or −1."""
 
@@ -38,7 +38,7 @@ def calibrate(loop: SelectionLoop, methods: Sequence[str], monitor: Monitor) -> 
         for done, method in enumerate(methods, start=1):
             scores = create_selector(method).score(context, monitor)
             found.append(rank_correlation(method, scores, psnr_db, in_reach))
-            monitor.report(STAGE, done, len(methods))
+            monitor.report(Stage.CALIBRATE, done, len(methods))
     return Calibration(visited=len(loop.visited), selectors=tuple(found))
 
 

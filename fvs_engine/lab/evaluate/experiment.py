@@ -23,8 +23,7 @@ from fvs_engine.scene.dataset import Dataset
 from fvs_engine.select.loop_folder import fingerprint
 from fvs_engine.select.selectors import SELECTORS, create_selector
 from fvs_engine.splat.raster import Rasterizer
-
-STAGE = "experiment"
+from fvs_schema.stages import Stage
 
 
 class ExperimentIdentity(Record):
@@ -229,11 +228,11 @@ class _Progress:
         def on_step(visited: int, evaluation: Evaluation | None) -> None:
             measured = {} if evaluation is None else {"psnr_db": evaluation.psnr_db}
             done, run = self._before + visited - self._initial, f"{plan.method} {plan.seed}"
-            self._monitor.report(STAGE, done, self._total, run=run, views=visited, **measured)
+            self._monitor.report(Stage.EXPERIMENT, done, self._total, run=run, views=visited, **measured)
 
         return on_step
 
     def ended(self, plan: RunPlan) -> None:
         """Count a run as complete, also one that ended early or was read from disk."""
         self._before += self._per_run
-        self._monitor.report(STAGE, self._before, self._total, run=f"{plan.method} {plan.seed}")
+        self._monitor.report(Stage.EXPERIMENT, self._before, self._total, run=f"{plan.method} {plan.seed}")

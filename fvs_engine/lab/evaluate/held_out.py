@@ -15,8 +15,7 @@ from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.render import render_color
 from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.views import TrainingView
-
-STAGE = "evaluate"
+from fvs_schema.stages import Stage
 
 Lpips = Callable[[ArrayLike, ArrayLike], float]
 
@@ -49,7 +48,7 @@ def evaluate(
         for done, view in enumerate(views, start=1):
             monitor.check()
             qualities.append(_quality(model, view, scene.rasterizer, lpips))
-            monitor.report(STAGE, done, len(views))
+            monitor.report(Stage.EVALUATE, done, len(views))
         unvisited_db = _unvisited_db(loop, model, monitor)
         repeats = []
         for number in range(1, trainings):

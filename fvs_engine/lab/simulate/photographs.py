@@ -14,8 +14,8 @@ from fvs_engine.lab.simulate.camera import SimulatedCamera
 from fvs_engine.lab.simulate.tracing import PackedWorld
 from fvs_engine.lab.simulate.world import World
 from fvs_engine.monitor import Monitor
+from fvs_schema.stages import Stage
 
-STAGE = "photographs"
 _JPEG_QUALITY = 95
 _COEFFICIENTS = ("k1", "k2", "p1", "p2")
 _EXIF_IFD, _FOCAL_LENGTH_35MM = 0x8769, 0xA405
@@ -51,7 +51,7 @@ def write_photographs(
         with replacing(path) as temporary:
             photograph.save(temporary, format="JPEG", quality=_JPEG_QUALITY, subsampling=0, exif=exif)
         paths.append(path)
-        monitor.report(STAGE, index + 1, len(world_from_cameras))
+        monitor.report(Stage.PHOTOGRAPHS, index + 1, len(world_from_cameras))
     return paths
 
 

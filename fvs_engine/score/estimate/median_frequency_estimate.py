@@ -15,6 +15,7 @@ from fvs_engine.score.renderings import MIN_COVERAGE, check_min_coverage, judged
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
+from fvs_schema.stages import Stage
 
 _CPU = torch.device("cpu")
 
@@ -64,5 +65,5 @@ class MedianFrequencyEstimate:
         for found in map_in_order(score_of, candidates, _CPU):
             scores.append(found)
             monitor.pass_on([found])
-            monitor.report("estimate", len(scores), len(candidates))
+            monitor.report(Stage.ESTIMATE, len(scores), len(candidates))
         return tuple(scores)

@@ -13,6 +13,7 @@ from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.spherical_harmonics import SH_C0, dc_from_color
 from fvs_engine.views import PinholeView
+from fvs_schema.stages import Stage
 
 SEEN_PX = 0.5
 """Minimum sum of blending weights, in px, of a Gaussian that counts as seen in a visited view."""
@@ -55,7 +56,7 @@ class Coverage:
             seen = _weights_px(gaussians, view, rasterizer) >= SEEN_PX
             seen_from[done, :3] = _directions(gaussians, view) * seen
             seen_from[done, 3] = -1.0 * ~seen  # to be added to d_c · d: −1 where this camera saw nothing
-            monitor.report("coverage", done + 1, total)
+            monitor.report(Stage.COVERAGE, done + 1, total)
         scores = []
         for done, view in enumerate(context.candidates, start=len(context.visited) + 1):
             monitor.check()
@@ -67,7 +68,7 @@ class Coverage:
             value = float(rendering.color[..., 0].mean()) + self.empty_coverage * (1 - alpha)
             scores.append(judged(view.name, value, alpha, self.min_coverage))
             monitor.pass_on(scores[-1:])
-            monitor.report("coverage", done, total)
+            monitor.report(Stage.COVERAGE, done, total)
         return tuple(scores)
 
 

@@ -19,6 +19,7 @@ from fvs_engine.score import (
 from fvs_engine.score.parallel import map_in_order
 from fvs_engine.select.interface import SelectionContext
 from fvs_engine.views import PinholeView
+from fvs_schema.stages import Stage
 
 PRIOR = 1e-6
 """λ, the information about every parameter before any view: FisherRF's published value.
@@ -52,7 +53,7 @@ class InformationGain:
         known: Tensor | float = self.prior
         for done, view in enumerate(context.visited, start=1):
             known = _information(context, view, monitor).diagonal + known
-            monitor.report("information", done, total)
+            monitor.report(Stage.INFORMATION, done, total)
 
         def score_of(view: PinholeView) -> CandidateScore:
             found = _information(context, view, monitor)
@@ -63,7 +64,7 @@ class InformationGain:
         for score in map_in_order(score_of, context.candidates, context.rasterizer.device):
             scores.append(score)
             monitor.pass_on(scores[-1:])
-            monitor.report("information", len(context.visited) + len(scores), total)
+            monitor.report(Stage.INFORMATION, len(context.visited) + len(scores), total)
         return tuple(scores)
 
 

@@ -34,6 +34,7 @@ from fvs_engine.sfm.verification.gate import (
 )
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
 from fvs_engine.sfm.verification.positions import usable_priors
+from fvs_schema.stages import Stage
 
 _FEW_POINTS_SHARE = 0.1
 """An image that sees less than this share of the median number of points sees far fewer than others."""
@@ -88,7 +89,7 @@ class MappedModel:
         Images that see hardly any points are removed when they are few, and so are those that every pair or
         their position prior contradicts.
         """
-        monitor.report("evidence", 0, 1)
+        monitor.report(Stage.EVIDENCE, 0, 1)
         monitor.check()
         largest = models[0]
         with_few_points = _with_few_points(largest)
@@ -98,7 +99,7 @@ class MappedModel:
         if evidence is not None and left_out:
             leave_out(largest, left_out)
             evidence = evidence_of.of(largest, monitor)
-        monitor.report("evidence", 1, 1)
+        monitor.report(Stage.EVIDENCE, 1, 1)
         centres = {
             image.name: np.asarray(image.projection_center())
             for image in largest.images.values()
@@ -128,7 +129,7 @@ def calibrate_view_graph(stages: Stages) -> None:
         return
     require_sound_database(folder.database)  # and its journal is in the file that is copied next
     partial = folder.partial(folder.calibrated)
-    stages.monitor.report("calibration", 0, 1)
+    stages.monitor.report(Stage.CALIBRATION, 0, 1)
     with stages.timed("calibration"):
         calibrated = stages.native_over(
             "calibrate",
@@ -145,7 +146,7 @@ def calibrate_view_graph(stages: Stages) -> None:
                 "The view graph could not be calibrated; focal lengths start from a guess."
             )
         publish(partial, folder.calibrated)
-    stages.monitor.report("calibration", 1, 1)
+    stages.monitor.report(Stage.CALIBRATION, 1, 1)
 
 
 def run_mapper(stages: Stages, mapper: MapperName, image_dir: Path, count: int) -> Path:
@@ -158,7 +159,7 @@ def run_mapper(stages: Stages, mapper: MapperName, image_dir: Path, count: int) 
         return target
     if mapper == "global":
         calibrate_view_graph(stages)
-    stage = f"{mapper} mapping"
+    stage = Stage.GLOBAL_MAPPING if mapper == "global" else Stage.INCREMENTAL_MAPPING
     partial = stages.folder.partial(target)
     database = _mapping_database(stages) if mapper == "global" else stages.folder.database
     stages.monitor.report(stage, 0, count if mapper == "incremental" else None)

@@ -27,6 +27,7 @@ from fvs_engine.sfm.stages import SfmFolder, Stages, fresh_folder, rename_over
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 from fvs_engine.sfm.warnings import doubtful
 from fvs_engine.views import AnyView
+from fvs_schema.stages import Stage
 
 _MIN_VIEWS = 2
 
@@ -117,11 +118,11 @@ def _with_points(stages: Stages, views: Sequence[AnyView], image_dir: Path) -> p
             "threads": stages.settings.threads,
         }
 
-    stages.monitor.report("triangulation", 0, 1)
+    stages.monitor.report(Stage.TRIANGULATION, 0, 1)
     with stages.timed("triangulation"):
         points = stages.native_over("triangulate", list(known), arguments)
     rename_over(partial, target)
-    stages.monitor.report("triangulation", 1, 1)
+    stages.monitor.report(Stage.TRIANGULATION, 1, 1)
     if points == 0:
         raise ReconstructionError(
             "No point is seen from two of the given cameras.",

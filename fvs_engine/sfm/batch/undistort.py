@@ -11,6 +11,7 @@ from fvs_engine.sfm.native_process import run_native
 from fvs_engine.sfm.quarantine import CulpritError
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.stages import fresh_folder, rename_over
+from fvs_schema.stages import Stage
 
 _JPEG_QUALITY = 99
 
@@ -33,7 +34,7 @@ def undistort(reconstruction_dir: Path, image_dir: Path, out_dir: Path, monitor:
 
     def report() -> None:
         done = sum(1 for path in written.rglob("*") if path.is_file()) if written.is_dir() else 0
-        monitor.report("undistort", min(done, total), total)
+        monitor.report(Stage.UNDISTORT, min(done, total), total)
 
     log = out_dir.with_name(f"{out_dir.name}.log")
 
@@ -52,5 +53,5 @@ def undistort(reconstruction_dir: Path, image_dir: Path, out_dir: Path, monitor:
         raise CulpritError.of(*accused)
     rename_over(partial, out_dir)
     log.unlink(missing_ok=True)
-    monitor.report("undistort", total, total)
+    monitor.report(Stage.UNDISTORT, total, total)
     return read_colmap(sparse)

@@ -22,6 +22,7 @@ from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import FeatureSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
 from fvs_engine.views import AnyView, View
+from fvs_schema.stages import Stage
 
 
 def localise(
@@ -69,7 +70,7 @@ def localise(
         for name in group.names
         if name not in inside and inside & set(group.names)
     }
-    stages.monitor.report("localisation", 0, len(usable))
+    stages.monitor.report(Stage.LOCALISATION, 0, len(usable))
     with stages.timed("localisation"):
         answer = stages.native_over(
             "localise",
@@ -83,9 +84,9 @@ def localise(
                 "min_image_support": stages.settings.growth.min_image_support,
                 "seed": stages.settings.seed,
             },
-            on_event=lambda done: stages.monitor.report("localisation", done, len(usable)),
+            on_event=lambda done: stages.monitor.report(Stage.LOCALISATION, done, len(usable)),
         )
-    stages.monitor.report("localisation", len(usable), len(usable))
+    stages.monitor.report(Stage.LOCALISATION, len(usable), len(usable))
     found = Localisation.model_validate(answer).images
     return {name: _view(name, found[name]) for name in names if name in found}
 

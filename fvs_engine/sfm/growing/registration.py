@@ -11,6 +11,7 @@ from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import Stages, fresh_folder
 from fvs_engine.sfm.verification.gate import few_matches, two_places, unknown_distance
 from fvs_engine.sfm.warnings import doubtful, not_registered
+from fvs_schema.stages import Stage
 
 
 def register(
@@ -35,7 +36,7 @@ def register(
         return ModelChange(state)
     settings = stages.settings
     without = [name for name in names if not informative or name not in priors.by_name]
-    stages.monitor.report("registration", 0, len(names))
+    stages.monitor.report(Stage.REGISTRATION, 0, len(names))
     with stages.timed("registration"):
         answer = stages.native_over(
             "register" if guided is None else "register_guided",
@@ -57,9 +58,11 @@ def register(
                 "seed": settings.seed,
                 "threads": settings.threads,
             },
-            on_event=lambda done: stages.monitor.report("registration", min(done, len(names)), len(names)),
+            on_event=lambda done: stages.monitor.report(
+                Stage.REGISTRATION, min(done, len(names)), len(names)
+            ),
         )
-    stages.monitor.report("registration", len(names), len(names))
+    stages.monitor.report(Stage.REGISTRATION, len(names), len(names))
     answered = (
         GuidedRegistration(looked_at=names, registration=answer)
         if guided is None

@@ -15,6 +15,7 @@ from fvs_engine.images.focal import focal_length_px
 from fvs_engine.sfm.colmap.database import count_rows, feature_counts, image_cameras
 from fvs_engine.sfm.settings import FeatureSettings, FocalPrior, SfmSettings
 from fvs_engine.sfm.stages import Stages
+from fvs_schema.stages import Stage
 
 _SAME_FOCAL = 1.02
 """Focal lengths within this ratio belong to one camera: focusing changes it a little, zooming more."""
@@ -53,7 +54,7 @@ def add_features(
         for some, upsampled in ((small, True), (large, False)):
             if some:
                 _extract(stages, image_dir, names, some, done, settings, upsampled=upsampled)
-    stages.monitor.report("features", len(names), len(names))
+    stages.monitor.report(Stage.FEATURES, len(names), len(names))
 
 
 def _extract(
@@ -81,7 +82,7 @@ def _extract(
             "threads": stages.settings.threads,
         },
         controls=[name for name in names if name in done],
-        on_tick=lambda: stages.monitor.report("features", count_rows(database, "keypoints"), len(names)),
+        on_tick=lambda: stages.monitor.report(Stage.FEATURES, count_rows(database, "keypoints"), len(names)),
     )
 
 

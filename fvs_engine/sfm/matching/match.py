@@ -15,6 +15,7 @@ from fvs_engine.sfm.matching.retrieval import global_descriptors
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import SfmFolder, Stages
 from fvs_engine.sfm.verification.positions import usable_priors
+from fvs_schema.stages import Stage
 
 _BATCH = 400
 """Number of pairs per process after which matching commits: an interruption loses at most these.
@@ -66,7 +67,7 @@ def _match(stages: Stages, pairs: Sequence[tuple[str, str]], ids: Mapping[str, i
                 },
                 image_of=lambda pair: pair[0],
                 on_tick=lambda: stages.monitor.report(
-                    "matching",
+                    Stage.MATCHING,
                     min(
                         len(pairs),
                         len(pairs) - len(todo) + _count_matched(stages.folder) - begun,
@@ -74,7 +75,7 @@ def _match(stages: Stages, pairs: Sequence[tuple[str, str]], ids: Mapping[str, i
                     len(pairs),
                 ),
             )
-    stages.monitor.report("matching", len(pairs), len(pairs))
+    stages.monitor.report(Stage.MATCHING, len(pairs), len(pairs))
 
 
 def _select(stages: Stages, names: Sequence[str], given: PosePriors | None) -> list[tuple[int, int]]:
@@ -83,7 +84,7 @@ def _select(stages: Stages, names: Sequence[str], given: PosePriors | None) -> l
     numbers = [ids[name] for name in names]
 
     def on_image(done: int) -> None:
-        stages.monitor.report("pairs", done, len(names))
+        stages.monitor.report(Stage.PAIRS, done, len(names))
         stages.monitor.check()
 
     descriptors = global_descriptors(

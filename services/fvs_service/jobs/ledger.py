@@ -8,6 +8,7 @@ import structlog
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
+from fvs_schema.stages import Stage
 from fvs_service.disclosure import without_paths
 from fvs_service.events.model import EventKind
 from fvs_service.events.repository import delete_progress, publish
@@ -31,7 +32,7 @@ class Ledger:
 
     def __init__(self, database: Database) -> None:
         self._database = database
-        self._reported: dict[str, tuple[str, float]] = {}
+        self._reported: dict[str, tuple[Stage | None, float]] = {}
 
     def start(self, lease: Lease, job_id: str, attempt: int) -> Job | None:
         """Start an attempt, also again after a crash; None when the job has ended."""
@@ -55,10 +56,10 @@ class Ledger:
             return started
 
     def report(
-        self, lease: Lease, job_id: str, stage: str, progress: float, eta_s: float | None = None
+        self, lease: Lease, job_id: str, stage: Stage, progress: float, eta_s: float | None = None
     ) -> None:
         """Record the job's progress, in [0, 1], which never decreases; too frequent reports are dropped."""
-        last_stage, last_time = self._reported.get(job_id, ("", 0.0))
+        last_stage, last_time = self._reported.get(job_id, (None, 0.0))
         if stage == last_stage and time.monotonic() - last_time < _REPORT_EVERY_S:
             return
         self._reported[job_id] = (stage, time.monotonic())

@@ -5,6 +5,7 @@ from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
+from fvs_schema.stages import Stage
 from fvs_service.model import WHOLE, Count, Listing, Model, Number, Page, Timestamp, of_fields
 
 
@@ -71,7 +72,7 @@ class JobError(Model):
     """What to do about it."""
     retryable: bool
     """Whether `…:retry` can succeed without a change."""
-    stage: str | None
+    stage: Stage | None
     """The stage that failed; null before the first."""
 
 
@@ -118,8 +119,8 @@ class Job(Model):
     """The request that it came from."""
     state: JobState
     """Whether it is queued, runs, or how it ended."""
-    stage: str | None
-    """What it does now, such as `features` or `training`; null while it is queued."""
+    stage: Stage | None
+    """What it does now; null while it is queued."""
     progress: Annotated[Number, Field(ge=0, le=1)]
     """Progress of the whole job, in [0, 1]; never decreases within an attempt."""
     eta_s: Number | None

@@ -6,6 +6,7 @@ from typing import Any
 from sqlalchemy import and_, func, or_, select, update
 from sqlalchemy.orm import Session
 
+from fvs_schema.stages import Stage
 from fvs_service.errors import NotFoundError
 from fvs_service.jobs.model import Job, JobError, JobKind, JobList, JobPage, JobRequest, JobState
 from fvs_service.jobs.work import first_work
@@ -184,7 +185,7 @@ def to_job(row: JobRow) -> Job:
         kind=JobKind(row.kind),
         request=JobRequest.model_validate(row.request),
         state=JobState(row.state),
-        stage=row.stage,
+        stage=None if row.stage is None else Stage(row.stage),
         progress=row.progress,
         eta_s=row.eta_s,
         attempt=row.attempt,

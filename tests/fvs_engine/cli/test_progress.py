@@ -5,20 +5,21 @@ from rich.console import Console
 
 from fvs_engine.cli.progress import BarDisplay, JsonDisplay, LogDisplay
 from fvs_engine.monitor import Progress
+from fvs_schema.stages import Stage
 
 
 def test_machines_get_json_lines() -> None:
     stream = io.StringIO()
     with JsonDisplay(stream) as display:
-        display.update(Progress("train", 1, 3, {"loss": 0.5}))
-        display.update(Progress("train", 2, 3, {"loss": 0.4}))
-        display.update(Progress("train", 3, 3, {"loss": 0.3}))
+        display.update(Progress(Stage.TRAINING, 1, 3, {"loss": 0.5}))
+        display.update(Progress(Stage.TRAINING, 2, 3, {"loss": 0.4}))
+        display.update(Progress(Stage.TRAINING, 3, 3, {"loss": 0.3}))
         display.show("done")
     lines = [json.loads(line) for line in stream.getvalue().splitlines()]
     # The second report follows the first within the interval and is left out; the last one never is.
     assert lines == [
-        {"stage": "train", "done": 1, "total": 3, "loss": 0.5},
-        {"stage": "train", "done": 3, "total": 3, "loss": 0.3},
+        {"stage": "training", "done": 1, "total": 3, "loss": 0.5},
+        {"stage": "training", "done": 3, "total": 3, "loss": 0.3},
         {"message": "done"},
     ]
 
@@ -27,9 +28,9 @@ def test_logs_get_the_first_and_the_last_report_of_a_stage() -> None:
     stream = io.StringIO()
     with LogDisplay(stream) as display:
         for done in range(1, 1001):
-            display.update(Progress("images", done, 1000))
-        display.update(Progress("images", 1000, 1000))
-        display.update(Progress("global-mapping", 5, None, {"points": 1234}))
+            display.update(Progress(Stage.IMAGES, done, 1000))
+        display.update(Progress(Stage.IMAGES, 1000, 1000))
+        display.update(Progress(Stage.GLOBAL_MAPPING, 5, None, {"points": 1234}))
     lines = stream.getvalue().splitlines()
     assert lines[0] == "Checking photographs: 1/1,000"
     assert lines[1].startswith("Checking photographs: 1,000/1,000, ")
@@ -42,8 +43,8 @@ def test_people_get_a_bar_per_stage() -> None:
     console = Console(file=stream, force_terminal=True, width=160)
     with BarDisplay(console) as display:
         for done in range(3):
-            display.update(Progress("images", done + 1, 3))
-        display.update(Progress("train", 500, 1000, {"loss": 0.123456}))
+            display.update(Progress(Stage.IMAGES, done + 1, 3))
+        display.update(Progress(Stage.TRAINING, 500, 1000, {"loss": 0.123456}))
         display.show("[a.jpg] was left out")
     shown = stream.getvalue()
     for text in (
@@ -61,9 +62,9 @@ def test_numbers_are_whole_in_a_terminal_of_eighty_columns() -> None:
     stream = io.StringIO()
     console = Console(file=stream, force_terminal=True, width=80, color_system=None)
     with BarDisplay(console) as display:
-        display.update(Progress("contact-sheet", 1, 12))
+        display.update(Progress(Stage.CONTACT_SHEET, 1, 12))
         for done in (0, 12_345):
-            display.update(Progress("train", done, 30_000, {"loss": 0.123456, "gaussians": 123_456}))
+            display.update(Progress(Stage.TRAINING, done, 30_000, {"loss": 0.123456, "gaussians": 123_456}))
     last = [line for line in stream.getvalue().splitlines() if "Training" in line][-1]
     assert "12,345/30,000" in last
     assert "0:00:0" in last

@@ -203,7 +203,7 @@ def test_ctrl_c_ends_it_with_a_resumable_state(fvs_until: FvsUntil, room_dir: Pa
     options = (*QUICK[:4], "--initial-iterations", 5_000, "--initial", 4, "--budget", 5)
     status, said = fvs_until(
         *("select", room_dir, "--out", tmp_path, *options),
-        wanted=lambda report: report.get("stage") == "quick training",
+        wanted=lambda report: report.get("stage") == "quick-training",
         number=signal.SIGINT,
     )
     assert status == INTERRUPTED

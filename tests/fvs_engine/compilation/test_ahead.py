@@ -13,7 +13,7 @@ from typing import Any
 import pytest
 
 from fvs_engine.compilation import ahead as compilation
-from fvs_engine.compilation.ahead import STAGE, ensure_compiled
+from fvs_engine.compilation.ahead import ensure_compiled
 from fvs_engine.compilation.kernels import KERNELS
 from fvs_engine.errors import Cancelled
 from fvs_engine.monitor import Monitor, Progress
@@ -113,7 +113,7 @@ def test_two_processes_at_once_load_what_one_child_compiled_and_a_third_needs_no
     for first in map(result, both):
         assert first["found"] == 50
         assert first["compiled_here"] == []
-        assert set(first["reports"]) == {STAGE}
+        assert set(first["reports"]) == {"compile"}
     assert run_here() == {"found": 50, "compiled_here": [], "reports": []}
 
 
@@ -153,7 +153,7 @@ def test_cancelling_ends_the_child(package: Path) -> None:
     (package / "warm_up.py").write_text("import time\n\nSTEPS = (lambda: time.sleep(120),)\n")
 
     def stop(progress: Progress) -> None:
-        assert progress.stage == STAGE
+        assert progress.stage == "compile"
         monitor.cancel()
 
     monitor = Monitor(stop)

@@ -77,9 +77,9 @@ def test_the_full_model_has_the_iterations_of_its_views_and_the_quick_one_a_shar
     for count, quick, full in ((2, 10, 40), (4, 10, 40), (6, 15, 60)):
         scene.add([f"{number}.png" for number in range(count)], Monitor())
         assert scene.train("quick", monitor).iterations == quick
-        assert stages == {"quick training"}
+        assert stages == {"quick-training"}
         assert scene.train("full", monitor).iterations == full
-        assert stages == {"quick training", "train"}
+        assert stages == {"quick-training", "training"}
         stages.clear()
 
 

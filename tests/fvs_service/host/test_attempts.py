@@ -42,7 +42,7 @@ class DyingRunner:
             connection.receive()
             assert connection.receive()["kind"] == "job"
             self.asked += 1
-            connection.send({"progress": {"stage": "train", "share": next(self._shares)}})
+            connection.send({"progress": {"stage": "training", "share": next(self._shares)}})
             if self._of_its_child:
                 death = {"code": "process-died", "message": "Stage 'match' was killed.", "hint": ""}
                 connection.send({"error": {**death, "retryable": True}})

@@ -47,7 +47,7 @@ def _freeze(service: Any, worker: int) -> None:
 
 def _freeze_in_training(service: Any, job: str) -> int:
     """Freeze the worker that trains; returns it when another one does."""
-    service.wait(job, lambda found: found["stage"] in ("quick training", "train"))
+    service.wait(job, lambda found: found["stage"] in ("quick-training", "training"))
     (runner,) = service.processes(RUNNER)
     frozen = _parent(runner)
     _freeze(service, frozen)

@@ -85,7 +85,7 @@ def test_a_service_on_a_full_disk_refuses_waits_and_goes_on(
         scene = service.scene()
         service.send(scene, courtyard_photographs[:7])
         job = service.start(scene, iterations=600)
-        service.wait(job, lambda found: found["stage"] in ("quick training", "train"))
+        service.wait(job, lambda found: found["stage"] in ("quick-training", "training"))
         filling = _fill(disk, 5 * _MEGABYTE)  # into the reserve
         paused = service.wait(job, lambda found: found["waiting"] is not None)
         assert (paused["state"], paused["waiting"]["reason"]) == ("running", "disk")

@@ -125,13 +125,13 @@ def test_a_job_fails_the_next_is_stopped_and_retried_and_ends_with_its_scene(
         job = service.start(scene, iterations=ENDLESS)
         # Whoever looks too late to see the matching stops the mapping.
         for stages in (
-            ("matching", "incremental mapping", "global mapping", "quick training"),
-            ("quick training",),
+            ("matching", "incremental-mapping", "global-mapping", "quick-training"),
+            ("quick-training",),
         ):
             service.wait(job, lambda found, stages=stages: found["stage"] in stages)
             _stop_and_retry(service, job)
         found = service.wait(
-            job, lambda found: found["stage"] == "quick training" and found["eta_s"] is not None
+            job, lambda found: found["stage"] == "quick-training" and found["eta_s"] is not None
         )
         assert found["attempt"] == 3
         runners = len(service.processes(RUNNER))
@@ -195,7 +195,7 @@ def test_rankings_are_answered_while_the_model_learns(
     before, registered = _latest(service, modelled)
     fine = service.start(modelled, "fine", iterations=ENDLESS)
     try:
-        service.wait(fine, lambda found: found["stage"] == "train")
+        service.wait(fine, lambda found: found["stage"] == "training")
         assert service.rank(modelled)["snapshot_id"] == before
         (gateway,) = service.processes(GATEWAY)
         assert min(map(_niceness, service.processes(RUNNER))) > _niceness(gateway)
@@ -230,7 +230,7 @@ def test_an_update_ends_with_its_quick_model_when_the_next_one_waits(
     scene = service.scene()
     service.send(scene, courtyard_photographs[:5])
     first = service.start(scene, iterations=2_000)
-    service.wait(first, lambda found: found["stage"] == "train")
+    service.wait(first, lambda found: found["stage"] == "training")
     service.send(scene, courtyard_photographs[5:6])
     second = service.start(scene)
     done = service.finish(first)
@@ -270,7 +270,7 @@ def test_jobs_outlive_whatever_is_killed(
     assert _latest(service, modelled) == (done["snapshot_id"], registered + 2)
 
     fine = service.start(modelled, "fine", iterations=300, test_every=4)
-    service.wait(fine, lambda found: found["stage"] == "train")
+    service.wait(fine, lambda found: found["stage"] == "training")
     _kill(service, WORKER)
     assert service.rank(modelled)["snapshot_id"] == done["snapshot_id"]
     done = service.finish(fine)

@@ -282,7 +282,7 @@ def test_not_every_step_is_reported() -> None:
     stages: list[StageProgress] = []
     monitor = JobMonitor(stages.append, RequestQueue(1, 1))
     for step in range(1, 101):
-        monitor.report("train", step, 100, iterations_per_s=10.0)
+        monitor.report("training", step, 100, iterations_per_s=10.0)
     assert len(stages) < 10
     assert stages[0].share == pytest.approx(0.01)
 

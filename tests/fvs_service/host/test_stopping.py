@@ -108,7 +108,9 @@ def test_sigterm_ends_everything_in_time_and_jobs_continue(
         ended("structure from motion", stop(service.process))
     with serving(root, environment) as service:
         until(
-            lambda: stage(service, job) in ("quick training", "train") and service.job(job)["progress"] > 0.5
+            lambda: (
+                stage(service, job) in ("quick-training", "training") and service.job(job)["progress"] > 0.5
+            )
         )
         ended("training", stop(service.process))
     with serving(root, environment) as service:

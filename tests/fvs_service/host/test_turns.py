@@ -67,7 +67,7 @@ class CountingRunner:
             while self.counts[job] < 8 or job in self.endless:
                 self.counts[job] += 1
                 share = 1 - 0.9 ** self.counts[job]
-                connection.send({"progress": {"stage": "train", "share": share}})
+                connection.send({"progress": {"stage": "training", "share": share}})
                 if self._stop.wait(0.02):
                     code = "cancelled"
                     break

@@ -160,7 +160,7 @@ def test_a_job_that_pauses_says_so_and_is_canceled_at_once(gateway: Any) -> None
     assert ticket is not None
     lease = gateway.lease(scene, "worker-0")
     storage.ledger.start(lease, job, 1)
-    storage.ledger.report(lease, job, "train", 0.5)
+    storage.ledger.report(lease, job, "training", 0.5)
     queue.put_back(ticket, "worker-0")
     paused = gateway.client.get(f"/v1/jobs/{job}", headers=headers).json()
     assert (paused["state"], paused["progress"], paused["waiting"]["place"]) == ("running", 0.5, 1)

@@ -15,6 +15,7 @@ from pydantic import Field, TypeAdapter
 from fvs_engine.errors import EngineError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.records import Record
+from fvs_schema.stages import Stage
 from fvs_service.engine_errors import from_engine
 from fvs_service.errors import (
     DeadlineError,
@@ -107,7 +108,7 @@ REQUEST: TypeAdapter[Request] = TypeAdapter(Request)
 class StageProgress(Record):
     """How far a stage has come, in [0, 1] (None: unknown)."""
 
-    stage: str
+    stage: Stage
     share: float | None
 
 

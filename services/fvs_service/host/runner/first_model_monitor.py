@@ -1,7 +1,8 @@
 """The progress of a new scene's first model, as one stage of its job."""
 
 from fvs_engine.monitor import Monitor, Progress
-from fvs_service.jobs.first_model import FIRST_MODEL, PARTS
+from fvs_schema.stages import Stage
+from fvs_service.jobs.stages import stage_of_job
 
 
 class FirstModelMonitor(Monitor):
@@ -14,10 +15,10 @@ class FirstModelMonitor(Monitor):
 
     def receive(self, progress: Progress) -> None:
         """See ``Monitor``."""
-        start, end = PARTS.get(progress.stage, (0.0, 0.0))
+        start, end = stage_of_job(progress.stage).first_model
         share = min(1.0, max(0.0, progress.share or 0.0))
         self._reached = max(self._reached, start + share * (end - start))
-        self._monitor.report(FIRST_MODEL, 0, 1, worked=self._reached)
+        self._monitor.report(Stage.FIRST_MODEL, 0, 1, worked=self._reached)
 
     def check(self) -> None:
         """See ``Monitor``."""

@@ -4,6 +4,7 @@ import time
 from collections.abc import Callable
 
 from fvs_engine.monitor import Monitor, Progress
+from fvs_schema.stages import Stage
 from fvs_service.host.protocol.messages import StageProgress
 from fvs_service.host.runner.request_queue import RequestQueue
 
@@ -24,7 +25,7 @@ class JobMonitor(Monitor):
         super().__init__(self._report)
         self._on_stage = on_stage
         self._requests = requests
-        self._reported: tuple[str, float] = ("", 0.0)
+        self._reported: tuple[Stage | None, float] = (None, 0.0)
 
     def check(self) -> None:
         """See ``Monitor``; waits for requests."""

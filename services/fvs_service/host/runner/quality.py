@@ -13,6 +13,7 @@ from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.render import render_color
 from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.views import TrainingView
+from fvs_schema.stages import Stage
 
 
 @dataclass(frozen=True)
@@ -62,7 +63,7 @@ def _rendered(
             monitor.check()
             render = render_color(gaussians, view, rasterizer, sh_degree=sh_degree)
             yield render, np.asarray(view.image / 255, dtype=np.float32)
-            monitor.report("evaluate", done, len(views))
+            monitor.report(Stage.EVALUATE, done, len(views))
 
 
 def spread(views: Sequence[TrainingView], most: int) -> Sequence[TrainingView]:

@@ -15,6 +15,7 @@ from typing import Any
 
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.records import Record
+from fvs_schema.stages import Stage
 from fvs_service.errors import LimitExceededError, deadline_passed
 from fvs_service.host.runner.pace import Pace
 
@@ -72,7 +73,7 @@ class _Computation:
         self.share = 0.0
 
     def _on_progress(self, progress: Progress) -> None:
-        if progress.share is not None and progress.stage != "compile":
+        if progress.share is not None and progress.stage is not Stage.COMPILE:
             self.share = progress.share
 
     def pass_on(self, requester: Requester, known: int) -> int:

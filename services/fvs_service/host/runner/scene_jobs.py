@@ -34,6 +34,7 @@ from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.session import open_trainer, train_saving
 from fvs_engine.splat.settings import PRESETS
 from fvs_engine.splat.views import TrainingView
+from fvs_schema.stages import Stage
 from fvs_service.host.protocol.messages import JobOutcome, RunJob
 from fvs_service.host.runner.artifacts import write_artifacts
 from fvs_service.host.runner.fine_cameras import fine_cameras
@@ -48,8 +49,8 @@ from fvs_service.host.runner.scene_choice import choose, read_choice
 from fvs_service.host.runner.scene_folder import SceneFolder
 from fvs_service.images.files import file_name
 from fvs_service.images.model import Image, Registration
-from fvs_service.jobs.first_model import FIRST_IMAGES, has_first_model
 from fvs_service.jobs.model import JobKind
+from fvs_service.jobs.stages import FIRST_IMAGES, has_first_model
 from fvs_service.settings import WorkerSettings
 from fvs_service.snapshots.model import SnapshotMetrics
 from fvs_service.storage.blobs import Blobs
@@ -151,13 +152,13 @@ class SceneJobs:
         with self._gpu_slot(monitor):
             if not scene.is_trained("full"):
                 quick = scene.train("quick", monitor)
-                monitor.report("quick snapshot", 0, 1)
+                monitor.report(Stage.QUICK_SNAPSHOT, 0, 1)
                 publish("quick", outcome(quick, "quick"))
                 if self._rasterizer.device.type == "cpu":  # a GPU has other scenes to train
                     monitor.wait_for_first_requests()
             full = scene.train("full", monitor)
         discard_images(self._folder.images, images)
-        monitor.report("snapshot", 0, 1)
+        monitor.report(Stage.SNAPSHOT, 0, 1)
         return outcome(full, "full")
 
     def _publish_first(
@@ -273,7 +274,7 @@ class SceneJobs:
         for done, view in enumerate(cameras.views, start=1):
             monitor.check()
             views.append(photographs.load(view.name, view.camera, view.camera_from_model))
-            monitor.report("load", done, len(cameras.views))
+            monitor.report(Stage.LOAD, done, len(cameras.views))
         trained, held_out = _split(views, wanted.test_every)
         if wanted.test_every is not None and not held_out:
             warn(f"No image is held out for testing: {len(views)} are too few. The quality was not measured.")
@@ -302,7 +303,7 @@ class SceneJobs:
             for name, image in placed.items()
             if name in posed or image.registration is Registration.UNREGISTERED
         }
-        monitor.report("snapshot", 0, 1)
+        monitor.report(Stage.SNAPSHOT, 0, 1)
         folder = self._folder.outcome(request.job_id)
         return self._outcome(folder, views, images, model, cameras.points, fine / "sparse", measured)
 

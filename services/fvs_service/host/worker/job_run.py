@@ -12,16 +12,15 @@ import structlog
 from fvs_engine.errors import Cancelled, EngineError, NoProcessError, ProcessDiedError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.files.storage import DiskFullError
+from fvs_schema.stages import Stage
 from fvs_service.application import Storage
 from fvs_service.errors import OutOfSpaceError, ServiceError, StaleLeaseError, StorageUnavailableError
 from fvs_service.host.protocol.connection import RunnerGoneError
 from fvs_service.host.protocol.messages import Failure, JobOutcome, RunJob, StageProgress
 from fvs_service.host.worker.job_responses import JobResponses
-from fvs_service.host.worker.job_size import size_of
 from fvs_service.host.worker.job_stop import CanceledError, JobPausedError, JobStop, SupersededError
 from fvs_service.host.worker.leased_scenes import LeasedScene, LeasedScenes
-from fvs_service.host.worker.progress import JobProgress
-from fvs_service.host.worker.remaining_time import COMMIT, RemainingTime
+from fvs_service.host.worker.progress import JobProgress, RemainingTime, size_of
 from fvs_service.host.worker.room import Room
 from fvs_service.host.worker.stage_spans import StageSpans
 from fvs_service.host.worker.working_copies import WorkingCopies
@@ -39,7 +38,7 @@ from fvs_service.snapshots.georeferencing import align
 from fvs_service.snapshots.service import NewSnapshot
 from fvs_service.tracing import Span
 
-_RESTORE, _SNAPSHOT_STAGE = "restore", "snapshot"
+_SNAPSHOT_STAGE = Stage.SNAPSHOT
 _POLL_S = 0.2
 _REPORT_EVERY_S = 2.0
 """The remaining time is also reported in a stage that reports no progress for this long."""
@@ -54,7 +53,7 @@ class ChildDiedError(Exception):
 class _JobFailedError(Exception):
     """The job failed for a reason of its own: another try would fail too."""
 
-    def __init__(self, failure: Failure, stage: str | None) -> None:
+    def __init__(self, failure: Failure, stage: Stage | None) -> None:
         super().__init__(failure.message)
         self.error = JobError(**failure.model_dump(exclude={"retry_after_s"}), stage=stage)
 
@@ -150,10 +149,10 @@ class JobRuns:
         with StageSpans(
             self._storage.tracing, expected=(JobPausedError, CanceledError, SupersededError)
         ) as spans:
-            spans.came_to(_RESTORE)
+            spans.came_to(Stage.RESTORE)
             self._copies.restore(job.scene_id)
             outcome = self._compute(leased, job, request, remaining, spans)
-            spans.came_to(COMMIT)
+            spans.came_to(Stage.COMMIT)
             self._copies.store(leased.lease)
             self._commit(leased, job, _SNAPSHOT_STAGE, outcome, images)
         timing = remaining.finished()
@@ -190,7 +189,7 @@ class JobRuns:
         responses = JobResponses(scene.endpoint, request)
         progress = JobProgress(job.kind)
         stop = JobStop(self._storage, self._room, scene, job)
-        stage: str | None = None
+        stage: Stage | None = None
         reported = time.monotonic()
         while True:
             document = responses.next(_POLL_S)
@@ -215,7 +214,7 @@ class JobRuns:
                     named = with_original_names(sentence, request.images)
                     _patiently(scene, lambda: self._storage.ledger.warn(scene.lease, job.id, named))  # noqa: B023
                 case {"result": dict(outcome)}:
-                    remaining.add(StageProgress(stage=COMMIT, share=None))
+                    remaining.add(StageProgress(stage=Stage.COMMIT, share=None))
                     return JobOutcome.model_validate(outcome)
                 case {"result": None}:
                     raise JobPausedError(needs=Work.TRAINING)
@@ -231,7 +230,7 @@ class JobRuns:
             with contextlib.suppress(StorageUnavailableError):
                 stop.check()
 
-    def _end_of(self, failure: Failure, stop: JobStop, stage: str | None, request: RunJob) -> Exception:
+    def _end_of(self, failure: Failure, stop: JobStop, stage: Stage | None, request: RunJob) -> Exception:
         """The error that ends the job's turn after a runner's failure."""
         if stop.reason is not None and failure.code in (Cancelled.code, ProcessDiedError.code):
             return stop.reason

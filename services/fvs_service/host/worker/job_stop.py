@@ -3,12 +3,14 @@
 import contextlib
 import time
 
+from fvs_schema.stages import Stage
 from fvs_service.application import Storage
 from fvs_service.host.protocol.connection import RunnerError, RunnerGoneError, call
 from fvs_service.host.protocol.messages import CancelJob
 from fvs_service.host.worker.leased_scenes import LeasedScene
 from fvs_service.host.worker.room import Room
 from fvs_service.jobs.model import Job, WaitReason
+from fvs_service.jobs.stages import stage_of_job
 from fvs_service.jobs.work import Work
 
 _STOP_S = 1.0
@@ -16,8 +18,6 @@ _STOP_S = 1.0
 _SAVE_S = 60.0
 """Time within which a paused runner must save its checkpoint."""
 _LOOK_EVERY_S = 0.5
-_RESUMABLE = ("quick training", "train")
-"""Stages that resume where they were stopped; others start again."""
 
 
 class JobPausedError(Exception):
@@ -61,9 +61,9 @@ class JobStop:
         self.may_be_superseded = False
         self.reason: CanceledError | JobPausedError | SupersededError | None = None
 
-    def came_to(self, progress: float, *, stage: str, new_stage: bool) -> None:
+    def came_to(self, progress: float, *, stage: Stage, new_stage: bool) -> None:
         """Record the job's progress; the beginning of a stage is a good moment to stop."""
-        self._turn_may_end = progress > self._job.progress and (new_stage or stage in _RESUMABLE)
+        self._turn_may_end = progress > self._job.progress and (new_stage or stage_of_job(stage).trains)
         if new_stage:
             self._looked = 0.0
 

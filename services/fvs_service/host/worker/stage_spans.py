@@ -2,6 +2,7 @@
 
 import contextlib
 
+from fvs_schema.stages import Stage
 from fvs_service.tracing import Tracing
 
 
@@ -14,9 +15,9 @@ class StageSpans(contextlib.ExitStack):
     def __init__(self, tracing: Tracing, expected: tuple[type[Exception], ...]) -> None:
         super().__init__()
         self._tracing, self._expected = tracing, expected
-        self._stage: str | None = None
+        self._stage: Stage | None = None
 
-    def came_to(self, stage: str) -> None:
+    def came_to(self, stage: Stage) -> None:
         """Begin a stage, unless the job is in it already."""
         if stage == self._stage:
             return

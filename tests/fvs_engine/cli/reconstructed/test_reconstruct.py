@@ -75,7 +75,7 @@ def test_more_iterations_go_on(fvs: Fvs, photographs: Path, out: Path) -> None:
     assert run.status == 0
     assert run.document["metrics"]["iterations"] == 140
     reports = [json.loads(line) for line in run.stderr.splitlines()]
-    trained = [report["done"] for report in reports if report.get("stage") == "train"]
+    trained = [report["done"] for report in reports if report.get("stage") == "training"]
     assert min(trained) > 120
     assert not any(report.get("stage") == "features" for report in reports)
 
@@ -131,7 +131,7 @@ def test_ctrl_c_leaves_a_state_that_resumes_to_the_same_result(
     forget_training(out)
     status, rest = fvs_until(
         *arguments,
-        wanted=lambda report: report.get("stage") == "train" and report["done"] >= 20,
+        wanted=lambda report: report.get("stage") == "training" and report["done"] >= 20,
         number=signal.SIGINT,
     )
     assert status == EXIT_CODES["cancelled"]

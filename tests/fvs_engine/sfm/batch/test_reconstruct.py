@@ -52,7 +52,7 @@ def test_kermit_is_registered_whole_by_one_mapper(kermit_sfm: SfmResult, kermit_
     assert report.verdict == "accepted"
     assert report.unregistered == ()
     assert [candidate.mapper for candidate in report.candidates] == ["incremental"]
-    assert not {"calibration", "global mapping"} & report.seconds.keys()
+    assert not {"calibration", "global-mapping"} & report.seconds.keys()
     assert report.mean_reprojection_error_px < 1.0
     assert len(kermit_sfm.reconstruction.points) == report.points > 300
 
@@ -64,7 +64,7 @@ def test_the_other_mapper_runs_where_the_gate_leaves_doubt(
     shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
     doubting = SfmSettings.model_validate({"gate": {"min_match_support": 1}})
     report = reconstruct(kermit_dir, kermit_names, tmp_path / "sfm", doubting, Monitor()).report
-    assert "incremental mapping" not in report.seconds
+    assert "incremental-mapping" not in report.seconds
     assert "calibration" in report.seconds
     assert {candidate.mapper for candidate in report.candidates} == {"incremental", "global"}
     (agreement,) = report.agreements
@@ -145,8 +145,8 @@ def test_another_gate_judges_the_same_models_again(
     monitor = Monitor(lambda progress: stages.add(progress.stage))
     with pytest.raises(ContradictedModelsError, match="contradicts"):
         reconstruct(kermit_dir, kermit_names, tmp_path / "sfm", strict, monitor)
-    assert "global mapping" in stages
-    assert "incremental mapping" not in stages
+    assert "global-mapping" in stages
+    assert "incremental-mapping" not in stages
     assert (tmp_path / "sfm" / "rejected.json").is_file()
     assert not (tmp_path / "sfm" / "report.json").exists()
 
@@ -175,15 +175,15 @@ def test_work_that_is_cancelled_again_and_again_stops_at_once_and_gets_done(
     six: Path, kermit_names: list[str], tmp_path: Path
 ):
     folder = tmp_path / "sfm"
-    for stage in ("features", "matching", "incremental mapping", "global mapping"):
+    for stage in ("features", "matching", "incremental-mapping", "global-mapping"):
         assert cancel_in(stage, six, kermit_names[:6], folder) < 5.0
         assert not (folder / "report.json").exists()
-        assert (folder / "mapping" / "incremental").exists() == (stage == "global mapping")
+        assert (folder / "mapping" / "incremental").exists() == (stage == "global-mapping")
     result = reconstruct(six, kermit_names[:6], folder, SfmSettings(), Monitor())
     assert result.report.registered == 6
     assert len(read_colmap(folder / "sparse").views) == 6
     # What was finished before was not done again.
-    assert "incremental mapping" not in result.report.seconds
+    assert "incremental-mapping" not in result.report.seconds
     assert "matching" not in result.report.seconds
 
 

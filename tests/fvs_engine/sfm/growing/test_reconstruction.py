@@ -71,7 +71,7 @@ def test_many_new_images_are_reconstructed_with_the_first_ones_in_their_frame(
     vocabulary_of_first = (folder / "words.npz").read_bytes()
     growing = GrowingReconstruction.open(folder, images, SETTINGS, Monitor())
     update = growing.add(NAMES, Monitor(lambda progress: stages.add(progress.stage)))
-    assert "incremental mapping" in stages
+    assert "incremental-mapping" in stages
     assert "registration" not in stages
     assert set(update.registered) == set(NAMES) - set(FIRST)
     assert [set(names) for names in tested] == [set(NAMES) - set(FIRST)]
