@@ -10,7 +10,7 @@
 # make generate   code that is made from other code: the synchronous client from clients/python/fvs_client/_async, and
 #                 the messages of gRPC from proto/
 # make lint       format and fix what can be fixed, then lint
-# make bench      the benchmarks of the kernels: raster, score, selection, train (those that take longer: docs/measurements.md)
+# make bench      the benchmarks of the kernels: raster, score, selection, train (those that take longer: docs/results.md)
 
 PYTHON ?= python3
 VENV := .venv

@@ -5,7 +5,7 @@
     python benchmarks/gate.py --cases fox.json bonsai.json ...
 
 Both mappers' models of subsets of each scene (``gate_models``), and models spoilt from them, are examined
-without any prior: by the gate of ADR 2, by that of ADR 27, whose evidence is of pairs, and by the present
+without any prior: by the first gate, by one with links, whose evidence is of pairs, too, and by the present
 one. An image is wrong when its centre
 is more than 10 % of the spread off after a robust alignment; a model is, when an image that the gate left in
 it is. Scenes without true poses are judged by an accepted model of all their photographs. Every threshold is
@@ -81,7 +81,7 @@ _VERSIONS: tuple[Mapping[str, object], ...] = (
     _NO_DEPTHS,
     {},
 )
-"""What the gates of ADR 2 and 27 and the present one have no evidence of."""
+"""What the first gate, that with links and the present one have no evidence of."""
 
 _OPEN: Mapping[str, GateSettings] = {
     "min_match_support": GateSettings(min_match_support=0.0, min_doubtful_match_support=0.0),

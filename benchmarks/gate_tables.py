@@ -53,7 +53,7 @@ class Case:
     before: Judged
     pairs: Judged
     present: Judged
-    """By the gates of ADR 2 and 27 and the present one."""
+    """By the first gate, by that with links, and by the present one."""
     open: dict[str, Judged]
     """By the present gate, when one of the thresholds of support is zero."""
 
@@ -144,8 +144,8 @@ def _opened(name: str, case: Case) -> Judged:
 def summary(cases: Sequence[Case]) -> list[dict[str, object]]:
     """False accepts, doubts and refusals of every version of the gate, scene by scene."""
     versions: dict[str, Callable[[Case], Judged]] = {
-        "ADR 2": lambda case: case.before,
-        "ADR 27": lambda case: case.pairs,
+        "first": lambda case: case.before,
+        "links": lambda case: case.pairs,
         "now": lambda case: case.present,
     }
     rows = []

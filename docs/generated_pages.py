@@ -40,11 +40,11 @@ _CLIENT = """::: fvs_client
 
 
 def on_config(config: MkDocsConfig) -> MkDocsConfig:
-    """Put every decision into the navigation."""
-    records = [f"adr/{path.name}" for path in _records(Path(config.docs_dir) / "adr")]
+    """Put every design note into the navigation."""
+    notes = [f"design/{path.name}" for path in _notes(Path(config.docs_dir) / "design")]
     for section in config.nav or ():
-        if "Decisions" in section:
-            section["Decisions"] = ["adr/index.md", *records]
+        if "Design notes" in section:
+            section["Design notes"] = ["design/index.md", *notes]
     return config
 
 
@@ -60,7 +60,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/fvs-client.md": commands("fvs-client", fvs_client),
         "reference/settings.md": settings(),
         "reference/client.md": _CLIENT,
-        "adr/index.md": decisions(Path(config.docs_dir) / "adr"),
+        "design/index.md": design_notes(Path(config.docs_dir) / "design"),
         **engine(Path(config.config_file_path).parent / "fvs_engine"),
     }
     for path, content in pages.items():
@@ -112,19 +112,15 @@ def _values(field: Json) -> str:
     return {"boolean": "`true`, `false`", "array": "a list with commas"}.get(kinds[0]["type"], "text")
 
 
-def decisions(folder: Path) -> str:
-    """The list of decisions, by their titles."""
-    lines: list[str] = []
-    for path in _records(folder):
-        title = path.read_text(encoding="utf-8").split("\n", 1)[0].removeprefix("# ")
-        number = int(path.name[:4])
-        lines.append(f"- [{number}. {title.removeprefix(f'{number}. ')}]({path.name})")
-    return "\n".join([*lines, ""])
+def design_notes(folder: Path) -> str:
+    """The list of design notes, by their titles."""
+    titles = {path: path.read_text(encoding="utf-8").split("\n", 1)[0] for path in _notes(folder)}
+    return "\n".join([f"- [{title.removeprefix('# ')}]({path.name})" for path, title in titles.items()])
 
 
-def _records(folder: Path) -> list[Path]:
-    """The records of decisions, without the page that lists them."""
-    return sorted(folder.glob("[0-9]*.md"))
+def _notes(folder: Path) -> list[Path]:
+    """The design notes, without the page that lists them."""
+    return [path for path in sorted(folder.glob("*.md")) if path.stem != "index"]
 
 
 def commands(name: str, app: typer.Typer) -> str:

@@ -13,7 +13,7 @@ from fvs_engine.plan.reach import Reach
 Array = NDArray[np.float64]
 
 WIDTH = 200
-"""Beam width: paths kept at every step; 500 find paths that are 0.1 % better (docs/adr/0031)."""
+"""Beam width: paths kept at every step; 500 find paths that are 0.1 % better (docs/design/planning.md)."""
 _MOST_STEPS = 4_000
 """Maximum steps of all kept ways together: of ways of 100 steps 40 are kept, at a loss of up to 1 %."""
 _LEAST_WIDTH = 20

@@ -2,7 +2,7 @@
 
 Features are matched between directions up to some 30° apart. A view looks familiar where many sparse points
 in its frame were seen from directions near its own, and a view that was planned makes others familiar: a
-bridge. Calibrated by ``benchmarks/registration.py`` (docs/adr/0031).
+bridge. Calibrated by ``benchmarks/registration.py`` (docs/design/planning.md).
 """
 
 from collections.abc import Callable, Sequence

@@ -17,7 +17,7 @@ LEAST_PHOTOGRAPHS = 3
 """Minimum number of photographs for a forecast: before, the quality level of a scene is unknown."""
 
 _SLOPE_DB, _SLOPE_SD_DB = 25.0, 10.0
-"""Loss in dB per unit of variance: 27 to 34 over sets of views of four scenes (docs/adr/0034)."""
+"""Loss in dB per unit of variance: 27 to 34 over sets of views of four scenes (docs/design/planning.md)."""
 _LEVEL_DB, _LEVEL_SD_DB = 35.0, 12.0
 """PSNR at zero variance; the standard deviation is that between scenes."""
 _SD_DB = 2.0
@@ -27,8 +27,8 @@ _MODEL_SHARE = 0.1
 _BIAS_SD_DB = 2.0
 """Standard deviation of the common bias of chosen views: they are no fair sample, however many there are.
 
-Forecasts are too low with ``median-frequency`` and too high with ``farthest`` (docs/adr/0031). With this bias
-91 % of the intervals hold, on three scenes, of which 80 % should (docs/adr/0034)."""
+Forecasts are too low with ``median-frequency`` and too high with ``farthest``. With this bias 91 % of the
+intervals hold, on three scenes, of which 80 % should (docs/design/planning.md)."""
 _PRIOR_WEIGHT = 4.0
 """Number of views that the prior of the deviation is worth."""
 

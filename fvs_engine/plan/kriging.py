@@ -24,7 +24,7 @@ LENGTH = 1.0
 NOISE = 1.0
 """Variance of one observation: as large as the prior's, for one photograph alone tells little of a pose.
 
-PSNR follows the variance more closely than with 0.1 (docs/adr/0034)."""
+PSNR follows the variance more closely than with 0.1 (docs/design/planning.md)."""
 _MOST_TARGETS = 1_000
 _MOST_PRODUCTS = 20_000_000
 """Maximum size of the matrix of targets × candidates: 160 MB."""

@@ -1,7 +1,7 @@
 """The order in which to visit views, so that the way through them is short.
 
 Nearest neighbour, then 2-opt and Or-opt until neither helps: within 1 % of OR-Tools' routes at the size of
-a plan (docs/adr/0031), without a dependency of 30 MB.
+a plan (docs/design/planning.md), without a dependency of 30 MB.
 """
 
 import itertools

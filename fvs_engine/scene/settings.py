@@ -18,13 +18,13 @@ ModelQuality = Literal["quick", "full"]
 """The two models of a scene: ``quick`` ranks soon after new images, ``full`` is better and takes longer."""
 
 QUICK_SHARE = 0.2
-"""Iterations of a quick model as a share of those of the full model (ADR 26)."""
+"""Iterations of a quick model as a share of those of the full model (docs/design/training.md)."""
 
 LARGE_PX = 800
-"""Long side of images from which on few iterations are at full size: there they are expensive (ADR 26)."""
+"""Long side of images from which on few iterations are at full size: there they are expensive."""
 
 _MORE_AT_HALF_SIZE = 1.25
-"""Factor of the iterations of a quick model at half size at most, where they are cheaper (ADR 26)."""
+"""Factor of the iterations of a quick model at half size at most, where they are cheaper."""
 
 SCENE_TRAINING = TrainingSettings(
     iterations=30_000,
@@ -36,8 +36,8 @@ SCENE_TRAINING = TrainingSettings(
 """Training of a scene's models, which are short: ``SceneSettings.training_of`` completes it.
 
 The positions' learning rate decays over the paper's 30,000 iterations, however short a run is: if it decays
-over the run, models of 20 views are 0.6 to 1 dB worse. The other rates are twice the paper's (ADR 26).
-Opacities are not reset: a short run gives them no time to recover.
+over the run, models of 20 views are 0.6 to 1 dB worse. The other rates are twice the paper's
+(docs/design/training.md). Opacities are not reset: a short run gives them no time to recover.
 """
 
 

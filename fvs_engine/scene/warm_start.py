@@ -1,8 +1,7 @@
 """Warm starts: a quick model continues from the last full one instead of being trained anew.
 
 A full model depends on its views alone, so a quick one that continues from it depends on the views of both,
-and on nothing else. Source of the numbers: ``docs/adr/0030-warm-starts.md`` and
-``docs/adr/0044-features-of-many-images.md``.
+and on nothing else. Source of the numbers: ``docs/design/training.md``.
 """
 
 from collections.abc import Sequence

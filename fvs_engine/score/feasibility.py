@@ -27,7 +27,8 @@ from fvs_schema.stages import Stage
 MOST_NEAR = 0.5
 """Share of a view that may show the model from nearer than half the distance of the nearest photograph.
 
-On eight scenes at most 0.48 at the poses of photographs (``benchmarks/first_views.py``, docs/adr/0050)."""
+On eight scenes at most 0.48 at the poses of photographs (``benchmarks/first_views.py``;
+docs/design/rankings.md)."""
 LEAST_CHANCE = 0.1
 """Probability of being registered below which a candidate is not ranked."""
 

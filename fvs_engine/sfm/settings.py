@@ -54,7 +54,7 @@ class FocalPrior(Record):
 
 
 class GateSettings(Record):
-    """Thresholds of the gate; see ``docs/adr/0002-gating-reconstructions.md``."""
+    """Thresholds of the gate; see ``docs/design/gate.md``."""
 
     min_match_support: float = Field(default=0.90, ge=0, le=1)
     """Share of the verified matches that the model's poses must explain."""
@@ -131,7 +131,7 @@ class SfmSettings(Record):
     features_of_many: FeatureSettings = FeatureSettings(
         max_image_size_px=1200, upsample_below_px=1100, max_features=3072
     )
-    """For larger sets, where more images see each point; ADR 44 has the cost in accuracy."""
+    """For larger sets, where more images see each point; docs/design/matching.md has the cost in accuracy."""
 
     camera_model: CameraModel | None = None
     """The camera model to estimate; None: ``SIMPLE_RADIAL``, and for cameras of ten images or more ``RADIAL``

@@ -71,7 +71,7 @@ _SHARES_OF_SMALL_IMAGES = {8: 0.2, 4: 0.35, 2: 0.5}
 def coarse_to_fine(iterations: int, *, to_half_size: bool = False) -> tuple[Level, ...]:
     """Half of the iterations at an eighth of the size, a quarter at a quarter, an eighth at half of it.
 
-    A small image is cheap and shows what matters at first: positions and colours (ADR 24).
+    A small image is cheap and shows what matters at first: positions and colours (docs/design/training.md).
     ``to_half_size``: six, three and one tenth of them, and none at full size, which takes half of the time.
     """
     shares = _SHARES_TO_HALF_SIZE if to_half_size else _SHARES
@@ -81,7 +81,7 @@ def coarse_to_fine(iterations: int, *, to_half_size: bool = False) -> tuple[Leve
 def coarse_to_fine_of_small_images(iterations: int, of_few_views: int) -> tuple[Level, ...]:
     """As ``coarse_to_fine`` up to the iterations ``of_few_views``; up to half of more are at full size.
 
-    At full size iterations of small images are cheap, and few views are overfitted by them (ADR 26).
+    At full size iterations of small images are cheap, and few views are overfitted by them.
     """
     least = min(iterations, of_few_views)
     return _levels(
@@ -198,7 +198,7 @@ PRESETS: dict[Quality, TrainingSettings] = {
         ),
     ),
 }
-"""``coarse`` ranks candidates during the flight; ``fine`` is for the final model (ADR 41).
+"""``coarse`` ranks candidates during the flight; ``fine`` is for the final model (docs/design/training.md).
 
 The Gaussians of ``fine`` multiply as its images grow: three tenths of the iterations are at a quarter of the
 size with a quarter of the Gaussians, three at half of both. Opacities are reset once, after half of the

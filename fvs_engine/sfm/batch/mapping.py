@@ -208,7 +208,7 @@ def leave_out(model: pycolmap.Reconstruction, names: Sequence[str]) -> None:
 def _with_few_points(model: pycolmap.Reconstruction) -> list[str]:
     """The images that see hardly any points, unless they are many.
 
-    The global mapper averages rotations and keeps poses that its triangulation does not support (ADR 42).
+    The global mapper averages rotations and keeps poses that its triangulation does not support.
     """
     seen = {image.name: image.num_points3D for image in model.images.values() if image.has_pose}
     if not seen:

@@ -15,7 +15,7 @@ class TwoViewPoints:
     """Points ``xyz`` [P, 3] in the model frame that only two images show; ``seen_in`` [P] names one of them.
 
     A model of structure from motion leaves them out, since nothing confirms them. As starting points of
-    Gaussians they are of use: as many again, in places where images overlap least (ADR 26).
+    Gaussians they are of use: as many again, in places where images overlap least (docs/design/training.md).
     """
 
     xyz: NDArray[np.float64]

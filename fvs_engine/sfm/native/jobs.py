@@ -171,7 +171,7 @@ def triangulate(
     """Triangulate points for the poses of ``model_dir``, which do not change; returns their number.
 
     Points in two images alone are kept, which COLMAP leaves out by default: given poses suffice for them, and
-    models that start without them are worse (ADR 26).
+    models that start without them are worse (docs/design/training.md).
     """
     options = pycolmap.IncrementalPipelineOptions()
     options.num_threads = _threads(threads)

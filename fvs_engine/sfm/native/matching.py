@@ -2,7 +2,7 @@
 
 Each process matches with one thread. The OpenBLAS in pycolmap is built for OpenMP and is not thread-safe with
 COLMAP's threads: concurrent searches occasionally corrupt each other's matches. See
-``docs/adr/0038-matching-in-processes.md``.
+``docs/design/matching.md``.
 """
 
 import math

@@ -3,7 +3,7 @@
 COLMAP takes a pose that most matches fit to 12 px, and bundle adjustment moves image and points to the
 nearest minimum. Where a hundred points hold an image, matches that are 2 px off can make that the wrong one,
 several percent of the scene away. It stays the nearest minimum, also when later images would show the right
-one (ADR 46).
+one (docs/design/poses.md).
 """
 
 from collections import defaultdict

@@ -3,7 +3,7 @@
 Where nearly all points are in one part of an image, its centre moves with the camera's rotation, and the
 points are seen nearly as well. Matches along one edge are wrong in the same direction, so the covariance of a
 least squares fit, which takes errors as independent, is far too small. Estimates without one part of the
-image after another tell what the position hangs on (ADR 47).
+image after another tell what the position hangs on (docs/design/poses.md).
 """
 
 import numpy as np

@@ -2,7 +2,7 @@
 
 COLMAP's mappers minimise squared reprojection errors and remove what is more than 4 px off. Wrong matches
 that are 2 px off stay, and so does a principal point in the middle of the image. Where only two images join
-two parts of a scene, both bend it by several percent (ADR 45).
+two parts of a scene, both bend it by several percent (docs/design/poses.md).
 """
 
 import math

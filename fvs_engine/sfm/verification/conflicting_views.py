@@ -23,7 +23,7 @@ Cells = NDArray[np.int64]
 _MIN_MATCHED_SHARE = 0.08
 """Share of the features that match, from which on two images show much the same.
 
-See ``docs/adr/0048-images-that-conflict.md`` for the measurements behind the thresholds.
+See ``docs/design/gate.md`` for the measurements behind the thresholds.
 """
 
 _MAX_ANGLE_DEG, _MAX_DISTANCE_RATIO = 8.0, 1.2

@@ -1,7 +1,7 @@
 """Verified pairs that the pose priors contradict: matches between look-alike places.
 
 Matches on a repeated pattern fit one epipolar geometry as well as right ones do, but the baseline that they
-give points elsewhere. Measured on *fox* (ADR 25): 95 % of the right pairs are off by at most 3°, 95 % of the
+give points elsewhere. Measured on *fox*: 95 % of the right pairs are off by at most 3°, 95 % of the
 wrong ones by 39° and more.
 """
 

@@ -1,6 +1,6 @@
 """The gate: choice of the model by evidence that a wrong one lacks, not by its number of images.
 
-See ``docs/adr/0002-gating-reconstructions.md`` for the measurements behind the thresholds.
+See ``docs/design/gate.md`` for the measurements behind the thresholds.
 """
 
 from collections.abc import Mapping, Sequence

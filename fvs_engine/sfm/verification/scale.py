@@ -23,7 +23,7 @@ Array = NDArray[np.float64]
 MAX_DEPTH_ERROR = 0.03
 """Absolute logarithm of the ratio of the two depths up to which they agree.
 
-See ``docs/adr/0029-three-images-and-one-mapper.md`` for the measurements behind it.
+See ``docs/design/gate.md`` for the measurements behind it.
 """
 
 _MIN_PARALLAX_DEG = 1.0

@@ -160,7 +160,7 @@ def test_a_watch_that_is_killed_goes_on_and_one_that_is_ended_exits_with_0(
 
 @pytest.mark.process
 def test_the_spool_imports_no_more_than_it_needs(folder: Path) -> None:
-    """60 MB and 1 s are the limits (docs/adr/0037); a machine of tests is no place to measure seconds."""
+    """60 MB and 1 s are the limits; a machine of tests is no place to measure seconds."""
     environment = {**os.environ, "PYTHONPROFILEIMPORTTIME": "1"}
     command = _command("--url", "http://127.0.0.1:9", "spool", "watch", folder, "--scene", "scn_1")
     with subprocess.Popen(command, stderr=subprocess.PIPE, text=True, env=environment) as running:

@@ -157,7 +157,7 @@ def assert_kills_change_nothing(
 def test_killing_it_changes_nothing(
     fvs_command: FvsCommand, room_dir: Path, clean_run: tuple[Path, Any], tmp_path: Path
 ) -> None:
-    """The run before has compiled the kernels: processes that load them agree to the last bit (ADR 1)."""
+    """The run before has compiled the kernels: processes that load them agree to the last bit."""
 
     def command(out: Path) -> list[str]:
         return fvs_command("select", room_dir, "--out", out, *OPTIONS)
