@@ -87,13 +87,10 @@ REQUESTS: Mapping[str, list[dict[str, Any]]] = {
         {"candidates": [{"id": "a", "pose": VEHICLE}], "vehicles": [VEHICLE], "views": 2},
         {"generator": {"kind": "orbit", "count": 2, "radius_m": 120.0, "height_m": 1.0}, "views": 2},
         {"generator": {"kind": "grid", "columns": 1, "rows": 1, "height_m": 120.0, "look": "down"}},
-        *(
-            {
-                "generator": {"kind": "in-volume", "volume": volume, "count": 2, "aim": [0.0, 0.0, 0.0]},
-                **{"safety_m": 3.0, "no_fly": [ZONE]},
-            }
-            for volume in VOLUMES
-        ),
+        {  # the volumes are those of rankings
+            "generator": {"kind": "in-volume", "volume": VOLUMES[0], "count": 2, "aim": [0.0, 0.0, 0.0]},
+            **{"safety_m": 3.0, "no_fly": [ZONE]},
+        },
     ],
     "/v1/scenes/{scene_id}/missions": [
         {
@@ -166,7 +163,8 @@ def _numbers(
         elif isinstance(value, list) and variant.get("type") == "array":
             items = variant.get("prefixItems") or [variant["items"]] * len(value)
             for index, inner in enumerate(value):
-                yield from _numbers(document, items[index], inner, (*path, index), name)
+                if index == 0 or items[index] != items[0] or isinstance(inner, dict):  # else it is the same
+                    yield from _numbers(document, items[index], inner, (*path, index), name)
         elif isinstance(value, int | float) and variant.get("type") in ("number", "integer"):
             yield path, name, variant
 

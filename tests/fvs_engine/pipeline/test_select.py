@@ -36,7 +36,7 @@ def test_a_photograph_that_is_cut_off_is_named_before_anything_is_written(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(("module", "command"), [("select", _select), ("evaluate", _evaluate)])
+@pytest.mark.parametrize(("module", "command"), [("pipeline.select", _select), ("lab.evaluate.from_datasets", _evaluate)])
 def test_whoever_waits_for_the_kernels_is_told_and_can_stop(
     room_dir: Path,
     tmp_path: Path,
@@ -51,7 +51,7 @@ def test_whoever_waits_for_the_kernels_is_told_and_can_stop(
         asked.append(monitor)
         raise BackendUnavailableError("That is enough.")
 
-    monkeypatch.setattr(f"fvs_engine.pipeline.{module}.create_rasterizer", create)
+    monkeypatch.setattr(f"fvs_engine.{module}.create_rasterizer", create)
     monitor = Monitor()
     with pytest.raises(BackendUnavailableError):
         command(room_dir, tmp_path / "out", monitor)
