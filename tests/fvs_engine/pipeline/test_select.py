@@ -36,7 +36,9 @@ def test_a_photograph_that_is_cut_off_is_named_before_anything_is_written(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize(("module", "command"), [("pipeline.select", _select), ("lab.evaluate.from_datasets", _evaluate)])
+@pytest.mark.parametrize(
+    ("module", "command"), [("pipeline.select", _select), ("lab.evaluate.from_datasets", _evaluate)]
+)
 def test_whoever_waits_for_the_kernels_is_told_and_can_stop(
     room_dir: Path,
     tmp_path: Path,

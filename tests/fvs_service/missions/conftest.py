@@ -3,6 +3,7 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+import hypothesis
 import numpy as np
 import pymap3d
 import pytest
@@ -129,9 +130,9 @@ def _flight(generator: np.random.Generator) -> Flight:
 
 @pytest.fixture(scope="session")
 def flights() -> tuple[Flight, ...]:
-    """A thousand random rankings, at the equator, far north and on both sides of the antimeridian."""
+    """Random rankings at the equator, far north, and on both sides of the antimeridian."""
     generator = np.random.default_rng(13)
-    return tuple(_flight(generator) for _ in range(1_000))
+    return tuple(_flight(generator) for _ in range(5 * hypothesis.settings.default.max_examples))
 
 
 @pytest.fixture

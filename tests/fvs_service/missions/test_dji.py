@@ -68,7 +68,7 @@ def _actions(placemark: Element) -> list[Element]:
     return placemark.findall(f"{WPML}actionGroup/{WPML}action")
 
 
-def test_a_thousand_missions_come_back_from_the_waylines(flights: Any, errors: Any) -> None:
+def test_many_missions_come_back_from_the_waylines(flights: Any, errors: Any) -> None:
     for flight in flights:
         _, document = _documents(flight.write(format="dji-kmz"))
         marks = document.findall(f"{KML}Folder/{KML}Placemark")

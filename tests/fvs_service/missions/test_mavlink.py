@@ -64,7 +64,7 @@ def _views(items: Sequence[Any], px4: bool) -> Iterator[tuple[tuple[float, float
             yield place, yaw, pitch
 
 
-def test_pymavlink_loads_and_encodes_a_thousand_missions(flights: Any, errors: Any, file: Path) -> None:
+def test_pymavlink_loads_and_encodes_many_missions(flights: Any, errors: Any, file: Path) -> None:
     for number, flight in enumerate(flights):
         autopilot = "px4" if number % 2 else "ardupilot"
         items = _loaded(flight.write(format="qgc-wpl", autopilot=autopilot), file)

@@ -63,7 +63,7 @@ def _upload_request() -> Any:
     return message_factory.GetMessageClass(found)
 
 
-def test_protobuf_reads_a_thousand_missions_of_mavsdk(flights: Any, errors: Any) -> None:
+def test_protobuf_reads_many_missions_of_mavsdk(flights: Any, errors: Any) -> None:
     kind = _upload_request()
     for flight in flights:
         document = json.loads(flight.write(format="mavsdk", speed_m_s=3.0))
@@ -81,7 +81,7 @@ def test_protobuf_reads_a_thousand_missions_of_mavsdk(flights: Any, errors: Any)
     errors.check("MAVSDK")
 
 
-def test_a_thousand_missions_come_back_from_tables_and_maps(flights: Any, errors: Any) -> None:
+def test_many_missions_come_back_from_tables_and_maps(flights: Any, errors: Any) -> None:
     for flight in flights:
         rows = list(csv.DictReader(flight.write(format="csv").decode().splitlines()))
         collection = json.loads(flight.write(format="geojson"))
