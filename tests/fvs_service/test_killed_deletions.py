@@ -27,7 +27,8 @@ from fvs_service.errors import ConflictError, NotFoundError
 from fvs_service.host.worker.sweep import Sweeps
 from fvs_service.ids import new_id
 from fvs_service.jobs.model import JobKind, JobPage, JobRequest
-from fvs_service.jobs.repository import add_job, jobs_of_scene
+from fvs_service.jobs.repository import jobs_of_scene
+from fvs_service.jobs.states import submit
 from fvs_service.model import Page, now
 from fvs_service.principal import LOCAL_USER
 from fvs_service.scenes.lease import Lease
@@ -85,7 +86,7 @@ def _commit(storage: Storage, scene_id: str, rng: random.Random) -> None:
         jobs = jobs_of_scene(session, scene_id, JobPage(limit=1_000)).items
         job = next((job for job in jobs if not job.state.ended), None)  # of a process that was killed
         if job is None:
-            job = add_job(session, new_id("job"), scene_id, LOCAL_USER.tenant_id, request, now())
+            job = submit(session, new_id("job"), scene_id, LOCAL_USER.tenant_id, request, now())
     try:
         _finish(storage, lease, job.id, rng)
     except BaseException:

@@ -18,7 +18,7 @@ from fvs_service.host.worker.heartbeat import Heartbeats
 from fvs_service.ids import new_id
 from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.jobs.queue import JobQueue
-from fvs_service.jobs.repository import add_job
+from fvs_service.jobs.states import submit
 from fvs_service.model import now
 from fvs_service.principal import LOCAL_USER
 from fvs_service.scenes.lease import Lease, Leases, require_lease
@@ -124,13 +124,13 @@ def test_workers_that_ask_at_once_take_each_job_once_and_keep_the_tenants_limit(
     for job in [new_id("job") for _ in range(6)]:
         scene = new_scene(database)
         with database.writing(scene) as session:
-            add_job(session, job, scene, LOCAL_USER.tenant_id, JobRequest(kind=JobKind.UPDATE), now())
+            submit(session, job, scene, LOCAL_USER.tenant_id, JobRequest(kind=JobKind.UPDATE), now())
     queue = JobQueue(database, jobs_per_tenant=4, turn_s=30)
     taken: list[str] = []
 
     def work(worker: str) -> None:
-        while ticket := queue.take(worker):
-            taken.append(ticket.job_id)
+        while turn := queue.take(worker):
+            taken.append(turn.job_id)
 
     assert at_once(*[lambda name=name: work(f"worker-{name}") for name in range(6)]) == []
     assert len(taken) == len(set(taken)) == 4

@@ -5,14 +5,13 @@ from datetime import timedelta
 from sqlalchemy import ColumnElement, delete, exists, func, or_, select
 from sqlalchemy.orm import Session
 
-from fvs_service.jobs.model import JobState
+from fvs_service.jobs.repository import OPEN
 from fvs_service.model import now
 from fvs_service.settings import Retention
 from fvs_service.storage.database import Database
 from fvs_service.storage.tables import JobRow, JobStageRow, SnapshotRow
 
 _AT_ONCE = 500
-_ENDED = tuple(state.value for state in JobState if state.ended)
 
 
 class JobRetention:
@@ -86,4 +85,4 @@ class JobRetention:
 
 
 def _deletable() -> tuple[ColumnElement[bool], ...]:
-    return JobRow.state.in_(_ENDED), ~exists().where(SnapshotRow.job_id == JobRow.id)
+    return JobRow.state.not_in(OPEN), ~exists().where(SnapshotRow.job_id == JobRow.id)

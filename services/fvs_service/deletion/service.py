@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 from fvs_service.deletion import rows
 from fvs_service.errors import ConflictError, UnfinishedJobError
 from fvs_service.images.resumable_uploads import ResumableUploads
-from fvs_service.jobs.model import JobState
+from fvs_service.jobs.repository import OPEN
 from fvs_service.plans.repository import plan_of
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings.repository import ranking_of
@@ -87,7 +87,6 @@ class Deletions:
 
 def open_job_ids(session: Session, scene_id: str) -> frozenset[str]:
     """The ids of a scene's jobs that have not ended."""
-    states = [state.value for state in JobState if not state.ended]
     return frozenset(
-        session.scalars(select(JobRow.id).where(JobRow.scene_id == scene_id, JobRow.state.in_(states)))
+        session.scalars(select(JobRow.id).where(JobRow.scene_id == scene_id, JobRow.state.in_(OPEN)))
     )

@@ -8,7 +8,7 @@ from sqlalchemy import func, select
 from fvs_service.application import Storage
 from fvs_service.doctor import blobs, folders
 from fvs_service.doctor.finding import Finding
-from fvs_service.jobs.model import JobState
+from fvs_service.jobs.repository import OPEN
 from fvs_service.model import now
 from fvs_service.settings import Settings
 from fvs_service.storage.blobs import Blobs
@@ -38,9 +38,8 @@ def examine_without_database(settings: Settings, grace: timedelta) -> Iterator[F
 
 def jobs_of_no_worker(storage: Storage) -> Iterator[Finding]:
     """Unfinished jobs of workers that are no longer registered."""
-    states = [state.value for state in JobState if not state.ended]
     query = select(JobRow.worker_id, func.count()).where(
-        JobRow.worker_id.is_not(None), JobRow.worker_id.not_in(select(WorkerRow.id)), JobRow.state.in_(states)
+        JobRow.worker_id.is_not(None), JobRow.worker_id.not_in(select(WorkerRow.id)), JobRow.state.in_(OPEN)
     )
     with storage.database.reading() as session:
         lost = session.execute(query.group_by(JobRow.worker_id)).all()

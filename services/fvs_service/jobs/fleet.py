@@ -6,6 +6,7 @@ from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
 from fvs_service.jobs.model import JobState
+from fvs_service.jobs.repository import OPEN
 from fvs_service.model import Count, Model, Number
 from fvs_service.storage.clock import now_ms
 from fvs_service.storage.tables import JobRow, SceneLeaseRow, WorkerRow
@@ -84,7 +85,7 @@ def open_jobs(session: Session) -> Mapping[tuple[str, str, str], int]:
     stage = func.coalesce(JobRow.stage, "")
     rows = session.execute(
         select(JobRow.kind, JobRow.state, stage, func.count())
-        .where(JobRow.state.in_((JobState.QUEUED.value, JobState.RUNNING.value)))
+        .where(JobRow.state.in_(OPEN))
         .group_by(JobRow.kind, JobRow.state, stage)
     )
     return {(kind, state, of_stage): count for kind, state, of_stage, count in rows}

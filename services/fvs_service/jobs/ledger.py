@@ -4,16 +4,16 @@ import time
 from collections.abc import Mapping
 from typing import Any
 
-import structlog
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from fvs_schema.stages import Stage
 from fvs_service.disclosure import without_paths
 from fvs_service.events.model import EventKind
-from fvs_service.events.repository import delete_progress, publish
+from fvs_service.events.repository import publish
 from fvs_service.jobs import repository
-from fvs_service.jobs.model import Job, JobError, JobState
+from fvs_service.jobs.model import Job, JobError
+from fvs_service.jobs.states import Move, Mover, move
 from fvs_service.jobs.work import Work
 from fvs_service.model import now
 from fvs_service.scenes.lease import Lease, require_lease
@@ -23,8 +23,6 @@ from fvs_service.storage.tables import JobRow, JobStageRow
 
 _REPORT_EVERY_S = 0.4
 """A little less than the time between two reports of a runner."""
-
-_log = structlog.get_logger()
 
 
 class Ledger:
@@ -38,22 +36,17 @@ class Ledger:
         """Start an attempt, also again after a crash; None when the job has ended."""
         with self._database.writing() as session:
             require_lease(session, lease)
-            job = repository.find_job(session, job_id)
-            if job.state.ended or job.attempt != attempt:
-                return None
-            if job.state is JobState.RUNNING:
-                return repository.change(session, job_id, in_state=(JobState.RUNNING,), taken_at_ms=now_ms())
-            started = repository.change(
+            attempted = (JobRow.id == job_id, JobRow.attempt == attempt)
+            started = move(
+                session, Move.START, Mover.WORKER, *attempted, worker_id=lease.worker_id, started_at=now()
+            ) or move(
                 session,
-                job_id,
-                in_state=(JobState.QUEUED,),
-                state=JobState.RUNNING.value,
-                worker_id=lease.worker_id,
+                Move.START_AGAIN,
+                Mover.WORKER,
+                *attempted,
                 taken_at_ms=now_ms(),  # the start of the runner is no part of the turn
-                started_at=now(),
             )
-            publish(session, lease.scene_id, EventKind.JOB_STARTED, {"job_id": job_id, "attempt": attempt})
-            return started
+            return repository.to_job(started[0]) if started else None
 
     def report(
         self, lease: Lease, job_id: str, stage: Stage, progress: float, eta_s: float | None = None
@@ -67,14 +60,7 @@ class Ledger:
             require_lease(session, lease)
             before = repository.find_job(session, job_id)
             reached = max(before.progress, min(1.0, progress))
-            job = repository.change(
-                session,
-                job_id,
-                in_state=(JobState.RUNNING,),
-                stage=stage,
-                progress=reached,
-                eta_s=eta_s,
-            )
+            job = repository.change_running(session, job_id, stage=stage, progress=reached, eta_s=eta_s)
             if job is not None:
                 data = {"job_id": job_id, "stage": stage, "progress": reached, "eta_s": eta_s}
                 publish(session, lease.scene_id, EventKind.JOB_PROGRESS, data, subject=job_id)
@@ -107,64 +93,28 @@ class Ledger:
         """Record what a running job needs next: a worker that does it."""
         with self._database.writing() as session:
             require_lease(session, lease)
-            repository.change(session, job_id, in_state=(JobState.RUNNING,), work=work.value)
+            repository.change_running(session, job_id, work=work.value)
 
     def succeed(self, lease: Lease, job_id: str) -> None:
         """Record the job as succeeded."""
-        self._end(lease, job_id, EventKind.JOB_SUCCEEDED, state=JobState.SUCCEEDED.value, progress=1.0)
+        self._end(lease, job_id, Move.SUCCEED, progress=1.0)
 
     def fail(self, lease: Lease, job_id: str, error: JobError) -> None:
         """Record the job as failed; its owner reads file names in place of paths."""
         readable = {"message": without_paths(error.message), "hint": without_paths(error.hint)}
         document = error.model_copy(update=readable).model_dump(mode="json")
-        self._end(lease, job_id, EventKind.JOB_FAILED, state=JobState.FAILED.value, error=document)
+        self._end(lease, job_id, Move.FAIL, error=document)
 
     def cancel(self, lease: Lease, job_id: str) -> None:
         """Record the job as canceled."""
-        self._end(lease, job_id, EventKind.JOB_CANCELED, state=JobState.CANCELED.value)
+        self._end(lease, job_id, Move.CANCEL)
 
-    def _end(self, lease: Lease, job_id: str, kind: EventKind, **values: Any) -> None:
+    def _end(self, lease: Lease, job_id: str, how: Move, **values: Any) -> None:
+        """End a job; without effect when it has ended before: the step ran twice."""
         with self._database.writing() as session:
             require_lease(session, lease)
-            job = repository.change(
-                session,
-                job_id,
-                in_state=(JobState.RUNNING,),
-                eta_s=None,
-                finished_at=now(),
-                cancel_requested=False,
-                worker_id=None,
-                **values,
-            )
-            if job is not None:  # else it has ended before: the step ran twice
-                delete_progress(session, job_id)
-                data = {"job_id": job_id, "error": values.get("error"), "snapshot_id": job.snapshot_id}
-                publish(session, lease.scene_id, kind, data)
+            move(session, how, Mover.WORKER, JobRow.id == job_id, **values)
         self._reported.pop(job_id, None)
-        if job is not None:
-            log_end(job)
-
-
-def log_queued(job: Job) -> None:
-    """Log that a job waits; the line has the ``request_id`` of the request that queued it."""
-    _log.info("job queued", job=job.id, scene=job.scene_id, kind=job.kind.value, attempt=job.attempt)
-
-
-def log_end(job: Job) -> None:
-    """Log that a job has ended, and after what time since its start."""
-    seconds = None
-    if job.started_at is not None and job.finished_at is not None:
-        seconds = round((job.finished_at - job.started_at).total_seconds(), 3)
-    _log.info(
-        "job ended",
-        job=job.id,
-        scene=job.scene_id,
-        kind=job.kind.value,
-        state=job.state.value,
-        attempt=job.attempt,
-        seconds=seconds,
-        error=None if job.error is None else job.error.code,
-    )
 
 
 def record_stage(session: Session, job_id: str, name: str, document: Mapping[str, Any]) -> None:
@@ -178,7 +128,7 @@ def add_warning(session: Session, job_id: str, sentence: str) -> None:
     sentence = without_paths(sentence)
     warnings = repository.find_job(session, job_id).warnings
     if sentence not in warnings:
-        repository.change(session, job_id, in_state=(JobState.RUNNING,), warnings=[*warnings, sentence])
+        repository.change_running(session, job_id, warnings=[*warnings, sentence])
 
 
 def attach_snapshot(session: Session, job_id: str, snapshot_id: str) -> None:

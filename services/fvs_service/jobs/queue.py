@@ -6,21 +6,20 @@ that died. When workers take a job at the same time, one changes the row, and th
 
 from collections.abc import Iterable
 
-from sqlalchemy import func, select, update
+from sqlalchemy import ColumnElement, func, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from fvs_service.jobs.fleet import is_alive
 from fvs_service.jobs.model import JobKind, JobState, WaitReason
 from fvs_service.jobs.order import OpenJob, Order
-from fvs_service.jobs.ticket import JobTicket
+from fvs_service.jobs.repository import OPEN
+from fvs_service.jobs.states import Move, Mover, Turn, move
 from fvs_service.jobs.work import ALL_WORK, Work, work_of
 from fvs_service.storage.clock import now_ms
 from fvs_service.storage.database import Database
-from fvs_service.storage.notifications import Topic, announce
 from fvs_service.storage.tables import JobRow, TenantRow, WorkerRow
 
-_OPEN = (JobState.QUEUED.value, JobState.RUNNING.value)
 _TRY_AGAIN_MS = 5_000
 _LOOKS = 8
 """Number of lost races for a job in a row after which a worker leaves the queue to the others."""
@@ -42,7 +41,7 @@ class JobQueue:
         self._jobs_per_tenant = jobs_per_tenant
         self._turn_s = turn_s
 
-    def take(self, worker_id: str) -> JobTicket | None:
+    def take(self, worker_id: str) -> Turn | None:
         """Take the job that is next; None when none can have a turn."""
         for _ in range(_LOOKS):
             with self._database.reading() as session:
@@ -60,48 +59,27 @@ class JobQueue:
                 return taken
         return None
 
-    def taken_by(self, worker_id: str) -> tuple[JobTicket, ...]:
-        """The jobs that a worker has taken and that have not ended."""
-        query = select(JobRow).where(JobRow.worker_id == worker_id, JobRow.state.in_(_OPEN))
+    def taken_by(self, worker_id: str) -> tuple[Turn, ...]:
+        """The turns that a worker has begun and that have not ended."""
+        query = select(JobRow).where(JobRow.worker_id == worker_id, JobRow.state.in_(OPEN))
         with self._database.reading() as session:
-            return tuple(map(_ticket, session.scalars(query)))
+            return tuple(map(_turn, session.scalars(query)))
 
-    def put_back(self, ticket: JobTicket, worker_id: str, obstacle: WaitReason | None = None) -> None:
-        """Let a job wait for its next turn, unless it has ended; ``obstacle`` is what it lacked in this."""
-        values = _waiting(obstacle)
+    def put_back(self, turn: Turn, obstacle: WaitReason | None = None) -> None:
+        """End a turn: the job waits for its next one, unless it has ended; ``obstacle`` is what it lacked."""
         with self._database.writing() as session:
-            session.execute(
-                update(JobRow)
-                .where(
-                    JobRow.id == ticket.job_id,
-                    JobRow.attempt == ticket.attempt,
-                    JobRow.worker_id == worker_id,
-                )
-                .values(**values)
-            )
-            announce(session, Topic.JOBS)
+            move(session, Move.PUT_BACK, Mover.WORKER, *_is_of(turn), **_lacks(obstacle))
 
     def put_back_all(self, worker_id: str) -> int:
-        """Let the jobs of a worker that died wait for their next turn; returns their number."""
+        """End the turns of a worker that died; returns their number."""
         with self._database.writing() as session:
-            ids = session.scalars(
-                update(JobRow)
-                .where(JobRow.worker_id == worker_id)
-                .values(**_waiting(None))
-                .returning(JobRow.id)
-            )
-            announce(session, Topic.JOBS)
-            return len(ids.all())
+            lost = move(session, Move.PUT_BACK, Mover.REAPER, JobRow.worker_id == worker_id, **_lacks(None))
+        return len(lost)
 
-    def has(self, ticket: JobTicket, worker_id: str) -> bool:
-        """Whether the attempt has not ended and is the worker's."""
+    def has(self, turn: Turn) -> bool:
+        """Whether the turn has not ended."""
         with self._database.reading() as session:
-            query = select(JobRow.id).where(
-                JobRow.id == ticket.job_id,
-                JobRow.attempt == ticket.attempt,
-                JobRow.worker_id == worker_id,
-                JobRow.state.in_(_OPEN),
-            )
+            query = select(JobRow.id).where(*_is_of(turn), JobRow.state.in_(OPEN))
             return session.scalar(query) is not None
 
     def must_pause(self, job_id: str, *, turn_may_end: bool) -> bool:
@@ -134,7 +112,7 @@ class JobQueue:
         """The order of all open jobs, with the queue of those that wait for these kinds of work."""
         served = (
             select(JobRow.scene_id, func.max(JobRow.taken_at_ms).label("served_ms"))
-            .where(JobRow.scene_id.in_(select(JobRow.scene_id).where(JobRow.state.in_(_OPEN))))
+            .where(JobRow.scene_id.in_(select(JobRow.scene_id).where(JobRow.state.in_(OPEN))))
             .group_by(JobRow.scene_id)
             .subquery()
         )
@@ -157,7 +135,7 @@ class JobQueue:
             )
             .join(served, served.c.scene_id == JobRow.scene_id)
             .outerjoin(WorkerRow, WorkerRow.id == JobRow.worker_id)
-            .where(JobRow.state.in_(_OPEN))
+            .where(JobRow.state.in_(OPEN))
         )
         jobs = tuple(
             OpenJob(
@@ -184,20 +162,15 @@ class JobQueue:
         )
 
 
-def take_job(session: Session, job_id: str, worker_id: str) -> JobTicket | None:
+def take_job(session: Session, job_id: str, worker_id: str) -> Turn | None:
     """Begin a job's turn on a worker; None when another worker has it, or it has ended."""
-    row = session.scalar(
-        update(JobRow)
-        .where(JobRow.id == job_id, JobRow.worker_id.is_(None), JobRow.state.in_(_OPEN))
-        .values(worker_id=worker_id, taken_at_ms=now_ms(), obstacle=None)
-        .returning(JobRow)
-    )
-    return None if row is None else _ticket(row)
+    taken = move(session, Move.TAKE, Mover.WORKER, JobRow.id == job_id, worker_id=worker_id, obstacle=None)
+    return _turn(taken[0]) if taken else None
 
 
 def _anything_waits(session: Session, does: frozenset[Work]) -> bool:
     query = select(JobRow.id).where(
-        JobRow.state.in_(_OPEN), JobRow.worker_id.is_(None), JobRow.work.in_([work.value for work in does])
+        JobRow.state.in_(OPEN), JobRow.worker_id.is_(None), JobRow.work.in_([work.value for work in does])
     )
     return session.scalar(query.limit(1)) is not None
 
@@ -223,14 +196,18 @@ def _served(session: Session, tenants: Iterable[str]) -> dict[str, int]:
     return {row.id: row.served_at_ms for row in rows}
 
 
-def _waiting(obstacle: WaitReason | None) -> dict[str, object]:
-    return {
-        "worker_id": None,
-        "waiting_since_ms": now_ms(),
-        "obstacle": None if obstacle is None else obstacle.value,
-        "not_before_ms": 0 if obstacle is None else now_ms() + _TRY_AGAIN_MS,
-    }
+def _lacks(obstacle: WaitReason | None) -> dict[str, object]:
+    """The columns of a job that lacked this in its turn."""
+    if obstacle is None:
+        return {"obstacle": None, "not_before_ms": 0}
+    return {"obstacle": obstacle.value, "not_before_ms": now_ms() + _TRY_AGAIN_MS}
 
 
-def _ticket(row: JobRow) -> JobTicket:
-    return JobTicket(row.id, row.scene_id, JobKind(row.kind), row.attempt, row.traceparent)
+def _is_of(turn: Turn) -> tuple[ColumnElement[bool], ...]:
+    """The conditions that a job's row is in this turn."""
+    return JobRow.id == turn.job_id, JobRow.attempt == turn.attempt, JobRow.worker_id == turn.worker_id
+
+
+def _turn(row: JobRow) -> Turn:
+    assert row.worker_id is not None
+    return Turn(row.id, row.scene_id, JobKind(row.kind), row.attempt, row.worker_id, row.traceparent)

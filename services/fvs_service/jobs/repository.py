@@ -1,60 +1,19 @@
 """Jobs in the database."""
 
-from datetime import datetime
 from typing import Any
 
-from sqlalchemy import and_, func, or_, select, update
+from sqlalchemy import func, select, update
 from sqlalchemy.orm import Session
 
 from fvs_schema.stages import Stage
 from fvs_service.errors import NotFoundError
 from fvs_service.jobs.model import Job, JobError, JobKind, JobList, JobPage, JobRequest, JobState
-from fvs_service.jobs.work import first_work
-from fvs_service.model import now
 from fvs_service.principal import Principal
-from fvs_service.storage.clock import now_ms
-from fvs_service.storage.notifications import Topic, announce
 from fvs_service.storage.pages import Cursors, newest_first
 from fvs_service.storage.tables import ImageRow, JobRow, JobStageRow
-from fvs_service.tracing import traceparent
 
-_OPEN = (JobState.QUEUED.value, JobState.RUNNING.value)
-
-
-def add_job(
-    session: Session, job_id: str, scene_id: str, tenant_id: str, request: JobRequest, at: datetime
-) -> Job:
-    """Add a job, queued."""
-    row = JobRow(
-        id=job_id,
-        scene_id=scene_id,
-        tenant_id=tenant_id,
-        kind=request.kind.value,
-        request=request.model_dump(mode="json"),
-        state=JobState.QUEUED.value,
-        stage=None,
-        progress=0.0,
-        eta_s=None,
-        attempt=1,
-        worker_id=None,
-        taken_at_ms=0,
-        waiting_since_ms=now_ms(),
-        obstacle=None,
-        not_before_ms=0,
-        work=first_work(request.kind).value,
-        traceparent=traceparent(),
-        cancel_requested=False,
-        warnings=[],
-        error=None,
-        snapshot_id=None,
-        created_at=at,
-        started_at=None,
-        finished_at=None,
-    )
-    session.add(row)
-    session.flush()
-    announce(session, Topic.JOBS)
-    return to_job(row)
+OPEN = (JobState.QUEUED.value, JobState.RUNNING.value)
+"""The states of jobs that have not ended, as they are stored."""
 
 
 def job_of(session: Session, principal: Principal, job_id: str) -> Job:
@@ -133,47 +92,19 @@ def images_stage(attempt: int) -> str:
 
 def open_jobs(session: Session, tenant_id: str) -> int:
     """The number of a tenant's queued and running jobs."""
-    query = select(func.count()).where(JobRow.tenant_id == tenant_id, JobRow.state.in_(_OPEN))
+    query = select(func.count()).where(JobRow.tenant_id == tenant_id, JobRow.state.in_(OPEN))
     return session.scalar(query) or 0
 
 
-def change(session: Session, job_id: str, *, in_state: tuple[JobState, ...], **values: Any) -> Job | None:
-    """Change a job that is in one of the states; None if it is in another."""
-    states = [state.value for state in in_state]
+def change_running(session: Session, job_id: str, **values: Any) -> Job | None:
+    """Change what is known of a running job, but not its state (``states``); None when it does not run."""
     row = session.scalar(
         update(JobRow)
-        .where(JobRow.id == job_id, JobRow.state.in_(states))
+        .where(JobRow.id == job_id, JobRow.state == JobState.RUNNING.value)
         .values(**values)
         .returning(JobRow)
         .execution_options(populate_existing=True)
     )
-    if row is not None and values.get("state", JobState.RUNNING) != JobState.RUNNING:
-        announce(session, Topic.JOBS)  # it waits again, or another one may have its place
-    return None if row is None else to_job(row)
-
-
-def cancel_idle(session: Session, job_id: str) -> Job | None:
-    """Cancel a job that no worker runs; None when a worker runs it, or it has ended."""
-    row = session.scalar(
-        update(JobRow)
-        .where(
-            JobRow.id == job_id,
-            or_(
-                JobRow.state == JobState.QUEUED.value,
-                and_(JobRow.state == JobState.RUNNING.value, JobRow.worker_id.is_(None)),
-            ),
-        )
-        .values(
-            state=JobState.CANCELED.value,
-            finished_at=now(),
-            worker_id=None,
-            eta_s=None,
-            cancel_requested=False,
-        )
-        .returning(JobRow)
-        .execution_options(populate_existing=True)
-    )
-    announce(session, Topic.JOBS)  # those behind it may have their turn
     return None if row is None else to_job(row)
 
 

@@ -3,26 +3,20 @@
 from sqlalchemy.orm import Session
 
 from fvs_service.errors import ConflictError, LimitExceededError, UnfinishedJobError
-from fvs_service.events.model import EventKind
-from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
 from fvs_service.jobs import repository
-from fvs_service.jobs.ledger import log_end, log_queued
 from fvs_service.jobs.model import Job, JobKind, JobList, JobPage, JobRequest, JobState
 from fvs_service.jobs.queue import JobQueue
+from fvs_service.jobs.states import Move, Mover, move, retry, submit
 from fvs_service.jobs.waiting import with_waiting
-from fvs_service.jobs.work import first_work
 from fvs_service.model import now
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.model import Scene, Trigger
 from fvs_service.scenes.repository import scene_of
 from fvs_service.settings import Limits
-from fvs_service.storage.clock import now_ms
-from fvs_service.storage.commit_hooks import after_commit
 from fvs_service.storage.database import Database, lock
 from fvs_service.storage.idempotency import IdempotencyKey
 from fvs_service.storage.tables import JobRow
-from fvs_service.tracing import traceparent
 
 
 class Jobs:
@@ -75,15 +69,10 @@ class Jobs:
         principal.require(Scope.OPERATE, principal.scene_id)
         with self._database.writing() as session:
             job = repository.job_of(session, principal, job_id)
-            stopped = repository.cancel_idle(session, job_id)
-            if stopped is None:
-                changed = repository.change(
-                    session, job_id, in_state=(JobState.RUNNING,), cancel_requested=True
-                )
-                return changed or job
-            publish(session, job.scene_id, EventKind.JOB_CANCELED, {"job_id": job_id})
-        log_end(stopped)
-        return stopped
+            stopped = move(session, Move.CANCEL, Mover.CLIENT, JobRow.id == job_id)
+            if stopped:
+                return repository.to_job(stopped[0])
+            return repository.change_running(session, job_id, cancel_requested=True) or job
 
     def retry(self, principal: Principal, job_id: str) -> Job:
         """Queue a failed or canceled job again; its finished stages are not repeated.
@@ -106,28 +95,7 @@ class Jobs:
                     hint="Try again if that job has ended and did not succeed.",
                 )
             self._require_room(session, principal.tenant_id)
-            again = repository.change(
-                session,
-                job_id,
-                in_state=(JobState.FAILED, JobState.CANCELED),
-                state=JobState.QUEUED.value,
-                attempt=JobRow.attempt + 1,
-                waiting_since_ms=now_ms(),
-                obstacle=None,
-                not_before_ms=0,
-                work=first_work(job.kind).value,
-                traceparent=traceparent(),
-                progress=0.0,
-                eta_s=None,
-                error=None,
-                cancel_requested=False,
-                started_at=None,
-                finished_at=None,
-            )
-            data = {"job_id": job_id, "kind": job.kind.value, "attempt": job.attempt + 1}
-            publish(session, job.scene_id, EventKind.JOB_QUEUED, data)
-            after_commit(session, lambda: log_queued(again or job))
-            return self._with_waiting(session, again or job)
+            return self._with_waiting(session, retry(session, job) or job)
 
     def update_if_due(self, session: Session, tenant_id: str, scene: Scene) -> None:
         """Queue an update if the scene's policy requires one for its images.
@@ -167,11 +135,7 @@ class Jobs:
             return queued
         if limited:
             self._require_room(session, tenant_id)
-        job = repository.add_job(session, new_id("job"), scene.id, tenant_id, request, now())
-        data = {"job_id": job.id, "kind": request.kind.value, "attempt": 1}
-        publish(session, scene.id, EventKind.JOB_QUEUED, data)
-        after_commit(session, lambda: log_queued(job))
-        return job
+        return submit(session, new_id("job"), scene.id, tenant_id, request, now())
 
 
 def _require_settings_of(first: Job | None, request: JobRequest) -> None:

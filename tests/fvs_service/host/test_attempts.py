@@ -58,8 +58,8 @@ def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 def _run(gateway: Any, scenes: GrantedScenes) -> Any:
     """The job once it has been run to its end."""
     job = gateway.queue(gateway.scene())
-    ticket = gateway.take(job)
-    scenes.attempts().run(ticket)
+    turn = gateway.take(job)
+    scenes.attempts().run(turn)
     return gateway.client.get(f"/v1/jobs/{job}").json()
 
 
@@ -124,12 +124,12 @@ def test_a_job_that_is_canceled_after_its_worker_died_needs_no_runner(gateway: A
 
 def test_tries_of_workers_that_died_count(gateway: Any) -> None:
     job = gateway.queue(scene := gateway.scene())
-    ticket = gateway.take(job)
+    turn = gateway.take(job)
     storage = gateway.application.storage
     for _ in range(MAX_TRIES):  # each started, and its worker died
-        Tries(storage.settings.scenes / scene, ticket).start(0.0)
+        Tries(storage.settings.scenes / scene, turn).start(0.0)
     scenes = GrantedScenes(gateway, None)
-    scenes.attempts().run(ticket)
+    scenes.attempts().run(turn)
     assert scenes.started == 0
     found = gateway.client.get(f"/v1/jobs/{job}").json()
     assert found["error"]["message"].endswith("its worker died")

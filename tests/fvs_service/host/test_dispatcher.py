@@ -11,7 +11,7 @@ from fvs_service.host.worker.dispatcher import Dispatcher
 from fvs_service.host.worker.runner_requests import RunnerRequests
 from fvs_service.jobs.model import JobKind
 from fvs_service.jobs.queue import JobQueue
-from fvs_service.jobs.ticket import JobTicket
+from fvs_service.jobs.states import Turn
 from sqlalchemy.exc import OperationalError
 
 _WITHIN_S = 30
@@ -21,12 +21,12 @@ class BrokenQueue:
     """Fails when it is first asked for a job, then has one."""
 
     def __init__(self, error: Exception) -> None:
-        self._answers = iter([error, JobTicket("job", "scene", JobKind.UPDATE, 1)])
+        self._answers = iter([error, Turn("job", "scene", JobKind.UPDATE, 1, "worker-0")])
 
-    def taken_by(self, _worker_id: str) -> tuple[JobTicket, ...]:
+    def taken_by(self, _worker_id: str) -> tuple[Turn, ...]:
         return ()
 
-    def take(self, _worker_id: str) -> JobTicket | None:
+    def take(self, _worker_id: str) -> Turn | None:
         answer = next(self._answers, None)
         if isinstance(answer, Exception):
             raise answer
@@ -41,9 +41,9 @@ class LaterQueue(BrokenQueue):
 
     def __init__(self) -> None:
         self.asked = threading.Event()
-        self.job: JobTicket | None = None
+        self.job: Turn | None = None
 
-    def take(self, _worker_id: str) -> JobTicket | None:
+    def take(self, _worker_id: str) -> Turn | None:
         job, self.job = self.job, None
         self.asked.set()
         return job
@@ -51,7 +51,7 @@ class LaterQueue(BrokenQueue):
 
 @contextmanager
 def _dispatching(
-    queue: object, ran: threading.Event | Callable[[JobTicket], None], poll_s: float
+    queue: object, ran: threading.Event | Callable[[Turn], None], poll_s: float
 ) -> Iterator[Dispatcher]:
     run = (lambda _ticket: ran.set()) if isinstance(ran, threading.Event) else ran
     dispatcher = Dispatcher(
@@ -84,7 +84,7 @@ def test_a_worker_that_is_woken_takes_a_job_without_waiting() -> None:
     queue, ran = LaterQueue(), threading.Event()
     with _dispatching(queue, ran, poll_s=3600) as dispatcher:
         assert queue.asked.wait(_WITHIN_S)
-        queue.job = JobTicket("job", "scene", JobKind.UPDATE, 1)
+        queue.job = Turn("job", "scene", JobKind.UPDATE, 1, "worker-0")
         dispatcher.wake()
         assert ran.wait(_WITHIN_S)
 
@@ -93,16 +93,16 @@ def test_a_lost_notification_only_delays_a_job() -> None:
     queue, ran = LaterQueue(), threading.Event()
     with _dispatching(queue, ran, poll_s=0.01):
         assert queue.asked.wait(_WITHIN_S)
-        queue.job = JobTicket("job", "scene", JobKind.UPDATE, 1)
+        queue.job = Turn("job", "scene", JobKind.UPDATE, 1, "worker-0")
         assert ran.wait(_WITHIN_S)
 
 
 def test_a_job_that_ends_makes_room_for_the_next_at_once() -> None:
-    jobs = [JobTicket(f"job-{number}", "scene", JobKind.UPDATE, 1) for number in range(3)]
+    jobs = [Turn(f"job-{number}", "scene", JobKind.UPDATE, 1, "worker-0") for number in range(3)]
     ran, last = [], threading.Event()
 
-    def run(ticket: JobTicket) -> None:
-        ran.append(ticket)
+    def run(turn: Turn) -> None:
+        ran.append(turn)
         if len(ran) == len(jobs):
             last.set()
 

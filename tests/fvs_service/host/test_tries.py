@@ -3,9 +3,9 @@ from pathlib import Path
 
 from fvs_service.host.worker.tries import Tries
 from fvs_service.jobs.model import JobKind
-from fvs_service.jobs.ticket import JobTicket
+from fvs_service.jobs.states import Turn
 
-TICKET = JobTicket("job_1", "scn_1", JobKind.UPDATE, 1)
+TICKET = Turn("job_1", "scn_1", JobKind.UPDATE, 1, "worker-0")
 
 
 def test_tries_count_until_the_job_comes_farther(tmp_path: Path) -> None:

@@ -59,9 +59,9 @@ def test_a_worker_that_does_not_train_leaves_the_update_to_one_that_does(open_ga
     storage, runner = gateway.application.storage, Runner()
     job = gateway.queue(gateway.scene())
     attempts = GrantedScenes(gateway, runner.endpoint).attempts()
-    ticket = gateway.take(job)
-    assert attempts.run(ticket) is None  # it lacks nothing
-    storage.queue.put_back(ticket, "tester")
+    turn = gateway.take(job)
+    assert attempts.run(turn) is None  # it lacks nothing
+    storage.queue.put_back(turn)
     runner.close()
     assert runner.asked["trains"] is False
     with storage.database.reading() as session:

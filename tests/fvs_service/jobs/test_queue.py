@@ -2,6 +2,7 @@
 
 import threading
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -37,11 +38,11 @@ def test_jobs_are_taken_once_in_the_fair_order(gateway: Any) -> None:
     a, b = _jobs(gateway, "a", 3), _jobs(gateway, "b", 1)
     queue = _queue(gateway)
     taken = [queue.take(f"worker-{number}") for number in range(4)]
-    assert [ticket.job_id for ticket in taken if ticket] == [a[0], b[0], a[1]]  # a has no more than two
+    assert [turn.job_id for turn in taken if turn] == [a[0], b[0], a[1]]  # a has no more than two
     assert queue.taken_by("worker-1") == (taken[1],)
-    queue.put_back(taken[0], "worker-1")  # not its own
+    queue.put_back(replace(taken[0], worker_id="worker-1"))  # not its own
     assert queue.take("worker-1") is None
-    queue.put_back(taken[0], "worker-0")
+    queue.put_back(taken[0])
     next_one = queue.take("worker-1")
     assert next_one is not None
     assert next_one.job_id == a[2]  # its scene has not been served yet
@@ -74,12 +75,12 @@ def test_what_lets_a_job_have_its_turn_wakes_the_workers(gateway: Any) -> None:
     headers = gateway.key("a")
     scene, queue = gateway.scene(headers), _queue(gateway)
     assert wakes(lambda: gateway.queue(scene, headers=headers))
-    ticket = queue.take("worker-0")
-    assert ticket is not None
-    assert wakes(lambda: queue.put_back(ticket, "worker-0"))
-    assert queue.take("worker-0") == ticket
+    turn = queue.take("worker-0")
+    assert turn is not None
+    assert wakes(lambda: queue.put_back(turn))
+    assert queue.take("worker-0") == turn
     assert wakes(lambda: queue.put_back_all("worker-0"))
-    path = f"/v1/jobs/{ticket.job_id}"
+    path = f"/v1/jobs/{turn.job_id}"
     assert wakes(lambda: gateway.client.post(f"{path}:cancel", headers=headers))
     assert wakes(lambda: gateway.client.post(f"{path}:retry", headers=headers))
     subscription.close()
@@ -92,9 +93,9 @@ def test_workers_that_look_at_once_never_get_the_same_job(gateway: Any) -> None:
     def work(worker_id: str) -> None:
         ready.wait()
         for _ in range(6):
-            ticket = queue.take(worker_id)
-            if ticket is not None:
-                found.append(ticket.job_id)
+            turn = queue.take(worker_id)
+            if turn is not None:
+                found.append(turn.job_id)
 
     threads = [threading.Thread(target=work, args=(f"worker-{number}",)) for number in range(4)]
     for thread in threads:
@@ -107,13 +108,13 @@ def test_workers_that_look_at_once_never_get_the_same_job(gateway: Any) -> None:
 def test_the_jobs_of_a_dead_worker_wait_again(gateway: Any) -> None:
     (job,) = _jobs(gateway, "a", 1)
     queue = _queue(gateway)
-    ticket = queue.take("dead")
-    assert ticket is not None
+    turn = queue.take("dead")
+    assert turn is not None
     assert queue.put_back_all("dead") == 1
-    assert not queue.has(ticket, "dead")
+    assert not queue.has(turn)
     again = queue.take("alive")
-    assert again == ticket
-    assert queue.has(ticket, "alive")
+    assert again == replace(turn, worker_id="alive")
+    assert queue.has(again)
     assert again.job_id == job
 
 
@@ -121,16 +122,16 @@ def test_a_job_that_lacks_something_is_not_taken_at_once_again(gateway: Any) -> 
     (job,) = _jobs(gateway, "a", 1)
     queue = _queue(gateway)
     Heartbeats(gateway.application.storage.database, "worker-0", 20).beat(slots=1)
-    ticket = queue.take("worker-0")
-    assert ticket is not None
+    turn = queue.take("worker-0")
+    assert turn is not None
     assert _waiting(gateway, "a", job) is None
-    queue.put_back(ticket, "worker-0", WaitReason.DISK)
+    queue.put_back(turn, WaitReason.DISK)
     assert queue.take("worker-0") is None
     waiting = _waiting(gateway, "a", job)
     assert (waiting["place"], waiting["reason"]) == (1, "disk")
     with gateway.application.storage.database.writing() as session:
         session.execute(update(JobRow).values(not_before_ms=1))  # later
-    assert queue.take("worker-0") == ticket
+    assert queue.take("worker-0") == turn
 
 
 def test_waiting_jobs_say_their_place_and_reason(gateway: Any) -> None:
@@ -156,12 +157,12 @@ def test_a_job_that_pauses_says_so_and_is_canceled_at_once(gateway: Any) -> None
     scene = gateway.scene(headers)
     job = gateway.queue(scene, headers=headers)
     queue, storage = _queue(gateway), gateway.application.storage
-    ticket = queue.take("worker-0")
-    assert ticket is not None
+    turn = queue.take("worker-0")
+    assert turn is not None
     lease = gateway.lease(scene, "worker-0")
     storage.ledger.start(lease, job, 1)
     storage.ledger.report(lease, job, "training", 0.5)
-    queue.put_back(ticket, "worker-0")
+    queue.put_back(turn)
     paused = gateway.client.get(f"/v1/jobs/{job}", headers=headers).json()
     assert (paused["state"], paused["progress"], paused["waiting"]["place"]) == ("running", 0.5, 1)
     canceled = gateway.client.post(f"/v1/jobs/{job}:cancel", headers=headers).json()
@@ -193,24 +194,24 @@ def test_each_kind_of_work_has_a_queue_of_its_own(gateway: Any) -> None:
         JobQueue(storage.database, jobs_per_tenant=2, turn_s=30, does=frozenset({work}))
         for work in (Work.SFM, Work.TRAINING)
     )
-    ticket = cpu.take("cpu")
-    assert ticket is not None
-    assert ticket.job_id == update
+    turn = cpu.take("cpu")
+    assert turn is not None
+    assert turn.job_id == update
     assert cpu.take("cpu") is None
     trained = gpu.take("gpu")
     assert trained is not None
     assert trained.job_id == fine
     assert gpu.take("gpu") is None
 
-    lease = gateway.lease(ticket.scene_id, "cpu")
+    lease = gateway.lease(turn.scene_id, "cpu")
     storage.ledger.start(lease, update, 1)
     storage.ledger.needs(lease, update, Work.TRAINING)
-    cpu.put_back(ticket, "cpu")
+    cpu.put_back(turn)
     assert cpu.take("cpu") is None
     assert _waiting(gateway, "b", update)["reason"] == "no-worker"
     Heartbeats(storage.database, "gpu", 20).beat(work="training")
     assert _waiting(gateway, "b", update)["reason"] == "queue"
-    assert gpu.take("gpu") == ticket
+    assert gpu.take("gpu") == replace(turn, worker_id="gpu")
     storage.ledger.cancel(lease, update)
     gateway.client.post(f"/v1/jobs/{update}:retry", headers=gateway.key("b"))
     assert gpu.take("gpu") is None
@@ -229,13 +230,13 @@ def test_a_fine_model_pauses_for_an_update_only_while_a_worker_lives_that_runs_i
     gateway.model(scene, headers)
     fine = gateway.queue(scene, kind="fine", headers=headers)
     gpu = JobQueue(database, jobs_per_tenant=2, turn_s=30, does=frozenset({Work.TRAINING}))
-    ticket = gpu.take("gpu")
-    assert ticket is not None
+    turn = gpu.take("gpu")
+    assert turn is not None
     gateway.queue(scene, headers=headers)
     assert not gpu.must_pause(fine, turn_may_end=True)
     Heartbeats(database, "cpu", 20).beat(work="sfm")
     assert gpu.must_pause(fine, turn_may_end=True)
-    gpu.put_back(ticket, "gpu")
+    gpu.put_back(turn)
     assert gpu.take("gpu") is None  # it would pause again at once
 
 

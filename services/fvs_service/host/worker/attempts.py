@@ -22,7 +22,7 @@ from fvs_service.host.worker.tries import Tries
 from fvs_service.images.repository import usable_images
 from fvs_service.jobs.model import JobError, WaitReason
 from fvs_service.jobs.repository import find_job
-from fvs_service.jobs.ticket import JobTicket
+from fvs_service.jobs.states import Turn
 
 MAX_TRIES = 6
 """An attempt fails after this many tries without progress."""
@@ -45,28 +45,28 @@ class Attempts:
         self._room = room
         self._runs = JobRuns(storage, scenes, room)
 
-    def run(self, ticket: JobTicket) -> WaitReason | None:
+    def run(self, turn: Turn) -> WaitReason | None:
         """Run an attempt to its end, or that of its turn; returns the resource that it lacks, if any.
 
         When a process dies there is a new try. The attempt fails after ``MAX_TRIES`` tries without progress.
         """
         with structlog.contextvars.bound_contextvars(
-            worker=self._worker_id, scene=ticket.scene_id, job=ticket.job_id
+            worker=self._worker_id, scene=turn.scene_id, job=turn.job_id
         ):
-            return self._run(ticket)
+            return self._run(turn)
 
-    def _run(self, ticket: JobTicket) -> WaitReason | None:
-        tries = Tries(self._storage.settings.scenes / ticket.scene_id, ticket)
-        while not self._over(ticket) and not self._scenes.stopping:
+    def _run(self, turn: Turn) -> WaitReason | None:
+        tries = Tries(self._storage.settings.scenes / turn.scene_id, turn)
+        while not self._over(turn) and not self._scenes.stopping:
             try:
-                if self._storage.ledger.cancel_requested(ticket.job_id):
-                    self._cancel(ticket)
-                elif tries.without_progress(self._progress(ticket)) >= MAX_TRIES:
-                    self._give_up(ticket, tries)
+                if self._storage.ledger.cancel_requested(turn.job_id):
+                    self._cancel(turn)
+                elif tries.without_progress(self._progress(turn)) >= MAX_TRIES:
+                    self._give_up(turn, tries)
                 elif self._room.used_up:
                     return WaitReason.DISK
                 else:
-                    self._try(ticket, tries)
+                    self._try(turn, tries)
             except NoMemoryError:
                 tries.excuse()
                 return WaitReason.MEMORY
@@ -88,7 +88,7 @@ class Attempts:
                 tries.because(error.message, disk_full=True)
                 return WaitReason.DISK
             except Exception as error:  # the runner or the database died, or there is a defect: try again
-                if isinstance(error, NotFoundError) and self._over(ticket):
+                if isinstance(error, NotFoundError) and self._over(turn):
                     return None  # the scene was deleted
                 reason = str(error)
                 if not isinstance(error, RunnerGoneError | ChildDiedError):
@@ -97,64 +97,61 @@ class Attempts:
                 tries.because(reason)
                 if self._scenes.stopping or isinstance(error, SQLAlchemyError):
                     tries.excuse()
-                count = tries.without_progress(self._progress(ticket))
+                count = tries.without_progress(self._progress(turn))
                 _log.warning("trying again", tries=count, reason=reason)
                 # The first time without a pause, so that no other worker leases the scene.
                 time.sleep(_PAUSE_S * (count - 1) if count else _PAUSE_S)
         return None
 
-    def _over(self, ticket: JobTicket) -> bool:
+    def _over(self, turn: Turn) -> bool:
         """Whether the attempt has ended, a later one has begun, or it is no longer this worker's."""
         try:
-            return not self._storage.queue.has(ticket, self._worker_id)
+            return not self._storage.queue.has(turn)
         except StorageUnavailableError:
             _log.warning("database unavailable")
             time.sleep(_PAUSE_S)
             return False
 
-    def _unwanted(self, ticket: JobTicket) -> bool:
+    def _unwanted(self, turn: Turn) -> bool:
         """Whether the attempt is over or is to be canceled."""
-        return self._over(ticket) or self._storage.ledger.cancel_requested(ticket.job_id)
+        return self._over(turn) or self._storage.ledger.cancel_requested(turn.job_id)
 
-    def _progress(self, ticket: JobTicket) -> float:
+    def _progress(self, turn: Turn) -> float:
         """The job's progress; 0 while the database is unavailable, and of a deleted job."""
         try:
             with self._storage.database.reading() as session:
-                return find_job(session, ticket.job_id).progress
+                return find_job(session, turn.job_id).progress
         except (StorageUnavailableError, NotFoundError):
             return 0.0
 
-    def _try(self, ticket: JobTicket, tries: Tries) -> None:
-        tries.start(self._progress(ticket))
+    def _try(self, turn: Turn, tries: Tries) -> None:
+        tries.start(self._progress(turn))
         with self._storage.database.reading() as session:
-            request = find_job(session, ticket.job_id).request
-            images = usable_images(session, ticket.scene_id)
+            request = find_job(session, turn.job_id).request
+            images = usable_images(session, turn.scene_id)
         need = job_need_bytes(request, images, self._storage.settings.worker)
         with self._scenes.with_runner(
-            ticket.scene_id, need, lambda: self._unwanted(ticket), _MEMORY_PATIENCE_S
+            turn.scene_id, need, lambda: self._unwanted(turn), _MEMORY_PATIENCE_S
         ) as scene:
             if scene is None:
                 tries.excuse()
                 return
-            job = self._storage.ledger.start(scene.lease, ticket.job_id, ticket.attempt)
+            job = self._storage.ledger.start(scene.lease, turn.job_id, turn.attempt)
             if job is not None:
-                self._runs.run(scene, job, ticket.traceparent)
+                self._runs.run(scene, job, turn.traceparent)
 
-    def _cancel(self, ticket: JobTicket) -> None:
+    def _cancel(self, turn: Turn) -> None:
         """Cancel an attempt between two tries, for which no runner is needed."""
-        with self._scenes.without_runner(ticket.scene_id, lambda: self._over(ticket)) as lease:
-            if (
-                lease is not None
-                and self._storage.ledger.start(lease, ticket.job_id, ticket.attempt) is not None
-            ):
-                self._storage.ledger.cancel(lease, ticket.job_id)
+        with self._scenes.without_runner(turn.scene_id, lambda: self._over(turn)) as lease:
+            if lease is not None and self._storage.ledger.start(lease, turn.job_id, turn.attempt) is not None:
+                self._storage.ledger.cancel(lease, turn.job_id)
 
-    def _give_up(self, ticket: JobTicket, tries: Tries) -> None:
+    def _give_up(self, turn: Turn, tries: Tries) -> None:
         """Fail an attempt that makes no progress."""
-        with self._scenes.without_runner(ticket.scene_id, lambda: self._over(ticket)) as lease:
+        with self._scenes.without_runner(turn.scene_id, lambda: self._over(turn)) as lease:
             if lease is None:
                 return
-            job = self._storage.ledger.start(lease, ticket.job_id, ticket.attempt)
+            job = self._storage.ledger.start(lease, turn.job_id, turn.attempt)
             if job is None:
                 return
             full = tries.disk_full

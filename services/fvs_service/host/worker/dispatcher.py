@@ -10,7 +10,7 @@ from fvs_service.errors import ServiceError
 from fvs_service.host.worker.runner_requests import RunnerRequests
 from fvs_service.jobs.model import WaitReason
 from fvs_service.jobs.queue import JobQueue
-from fvs_service.jobs.ticket import JobTicket
+from fvs_service.jobs.states import Turn
 
 _RUNNERS_AT_ONCE = 4
 
@@ -18,7 +18,7 @@ _STOP_S = 1.0
 _AFTER_ERROR_S = 0.5
 _log = structlog.get_logger()
 
-RunJob = Callable[[JobTicket], WaitReason | None]
+RunJob = Callable[[Turn], WaitReason | None]
 """Runs a job's turn; returns the resource that the job lacked, if any."""
 
 
@@ -100,35 +100,35 @@ class Dispatcher:
     def _dispatch_jobs(self) -> None:
         if self._left_over:
             self._left_over = False
-            for ticket in self._queue.taken_by(self._worker_id):
-                self._begin(ticket)
+            for turn in self._queue.taken_by(self._worker_id):
+                self._begin(turn)
         while len(self._running) < self._slots and self._has_room():
             taken = self._queue.take(self._worker_id)
             if taken is None:
                 return
             self._begin(taken)
 
-    def _begin(self, ticket: JobTicket) -> None:
+    def _begin(self, turn: Turn) -> None:
         with self._lock:
-            if ticket.key in self._running:
+            if turn.attempt_id in self._running:
                 return
-            self._running.add(ticket.key)
-        threading.Thread(target=self._run, args=(ticket,), daemon=True, name=ticket.key).start()
+            self._running.add(turn.attempt_id)
+        threading.Thread(target=self._run, args=(turn,), daemon=True, name=turn.attempt_id).start()
 
-    def _run(self, ticket: JobTicket) -> None:
+    def _run(self, turn: Turn) -> None:
         try:
-            obstacle = self._run_job(ticket)
+            obstacle = self._run_job(turn)
             if not self._stopping.is_set():  # else the next process of this worker resumes the job
-                self._queue.put_back(ticket, self._worker_id, obstacle)
+                self._queue.put_back(turn, obstacle)
         except (SQLAlchemyError, ServiceError) as error:
-            _log.warning("the job cannot be put back yet", job=ticket.job_id, reason=type(error).__name__)
+            _log.warning("the job cannot be put back yet", job=turn.job_id, reason=type(error).__name__)
             self._failed()
         except Exception:
-            _log.exception("a job's turn failed", job=ticket.job_id)
+            _log.exception("a job's turn failed", job=turn.job_id)
             self._failed()
         finally:
             with self._lock:
-                self._running.discard(ticket.key)
+                self._running.discard(turn.attempt_id)
             self.wake()
 
     def _failed(self) -> None:

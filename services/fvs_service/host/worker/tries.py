@@ -8,7 +8,7 @@ from pydantic import ValidationError
 from fvs_engine.errors import StorageError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.records import Record
-from fvs_service.jobs.ticket import JobTicket
+from fvs_service.jobs.states import Turn
 
 
 class _Count(Record):
@@ -28,9 +28,9 @@ class Tries:
     When the file cannot be written nothing is counted: on a full disk no try starts.
     """
 
-    def __init__(self, folder: Path, ticket: JobTicket) -> None:
-        self._file = folder / f"tries-{ticket.kind.value}.json"
-        self._key = ticket.key
+    def __init__(self, folder: Path, turn: Turn) -> None:
+        self._file = folder / f"tries-{turn.kind.value}.json"
+        self._key = turn.attempt_id
 
     def without_progress(self, progress: float) -> int:
         """The number of tries since the job last made progress; ``progress`` is where it is now."""
