@@ -20,6 +20,7 @@ from growth import quality_db
 from measurement import report
 from view_sets import with_points
 
+from fvs_engine.lab.baselines import create_selector
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.dataset_folder import open_dataset
@@ -44,7 +45,9 @@ def steps(
     )
     found: list[dict[str, Any]] = []
     with tempfile.TemporaryDirectory() as folder:
-        loop = SelectionLoop.open(Path(folder) / "loop", dataset, settings, rasterizer, Monitor())
+        loop = SelectionLoop.open(
+            Path(folder) / "loop", dataset, settings, create_selector(method), rasterizer, Monitor()
+        )
         loop.begin(Monitor())
         views = list(loop.scene.localise(loop.pool, Monitor()).values())
         while True:

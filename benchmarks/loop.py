@@ -26,6 +26,7 @@ from measurement import Timing, report
 from processor_time import so_far_s
 
 from fvs_engine.geometry.alignment.dataset import align_dataset
+from fvs_engine.lab.baselines import create_selector
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.selection_request import SelectionRequest
 from fvs_engine.scene.dataset_folder import open_dataset
@@ -180,7 +181,9 @@ def main() -> None:
     )
     with tempfile.TemporaryDirectory() as folder:
         rasterizer = create_rasterizer(options.backend)
-        loop = SelectionLoop.open(Path(folder) / "selection", dataset, settings, rasterizer, Monitor())
+        loop = SelectionLoop.open(
+            Path(folder) / "selection", dataset, settings, create_selector("nearest"), rasterizer, Monitor()
+        )
         loop.begin(Monitor())
         steps = list(iter(lambda: take_step(loop, options.candidates), None))
         rows = [compare(loop, steps, count, options.candidates) for count in options.counts]

@@ -18,8 +18,8 @@ import torch
 from measurement import measure_side_by_side, report
 from room import candidates, scene
 
-from fvs_engine.select.interface import SelectionContext, select
-from fvs_engine.select.selectors import SELECTORS, create_selector
+from fvs_engine.lab.baselines import SELECTORS, create_selector
+from fvs_engine.score.selectors.interface import SelectionContext, select
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_engine.views import PinholeView

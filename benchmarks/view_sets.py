@@ -25,6 +25,7 @@ from scipy.stats import t as student_t
 
 from fvs_engine.choices import InitialChoice
 from fvs_engine.hold_out import hold_out
+from fvs_engine.lab.baselines import create_selector
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import path_length
 from fvs_engine.plan.reach import Reach, default_radius
@@ -32,9 +33,8 @@ from fvs_engine.scene.dataset import Dataset, read_dataset
 from fvs_engine.scene.dataset_folder import open_dataset
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings
+from fvs_engine.score.selectors.interface import SelectionContext, select
 from fvs_engine.select.initial_views import initial_views
-from fvs_engine.select.interface import SelectionContext, select
-from fvs_engine.select.selectors import create_selector
 from fvs_engine.sfm.batch.triangulate import triangulate
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN

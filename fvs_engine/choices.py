@@ -37,7 +37,7 @@ Method = Literal[
     "coverage",
     "spectral-median",
 ]
-"""Selectors, see ``fvs_engine.select.selectors``."""
+"""Selectors, see ``fvs_engine.lab.baselines``."""
 
 ProtocolName = Literal["paper", "fisherrf", "nearest5", "travel"]
 """Protocols of a comparison, see ``fvs_engine.lab.evaluate.protocol``."""

@@ -95,6 +95,7 @@ def select(
 
     def job(monitor: "Monitor", warn: "Warn") -> "SelectionResult":
         run.limit_threads()
+        from fvs_engine.lab.baselines import create_selector
         from fvs_engine.pipeline.select import select_views
         from fvs_engine.pipeline.selection_request import SelectionRequest
 
@@ -115,6 +116,7 @@ def select(
             source.dataset,
             out,
             request,
+            create_selector(method),
             colmap=source.colmap,
             transforms=source.transforms,
             backend=run.backend,

@@ -21,6 +21,7 @@ from fvs_engine.plan.distances import path_length
 from fvs_engine.plan.plan_records import Expectation
 from fvs_engine.records import Record
 from fvs_engine.scene.scene_model import SceneModel
+from fvs_engine.score.selectors.interface import Selector
 from fvs_engine.select.loop import SelectionLoop, StepRecord, StopReason
 from fvs_engine.select.trajectory import draw_trajectory
 from fvs_engine.splat.ply import write_ply
@@ -78,6 +79,7 @@ def select_views(
     folder: Path,
     out: Path,
     request: SelectionRequest,
+    selector: Selector,
     *,
     colmap: Path | None = None,
     transforms: Path | None = None,
@@ -86,6 +88,8 @@ def select_views(
     warn: Callable[[str], None] = lambda _sentence: None,
 ) -> SelectionResult:
     """Choose views of the dataset in ``folder`` until the selection ends; results go to the folder ``out``.
+
+    ``selector`` is the one that ``request.method`` names.
 
     The same call on the same ``out`` resumes. Raises what ``open_dataset``,
     ``SelectionLoop`` and the parts below them raise; ``out`` then holds the last good state.
@@ -97,7 +101,7 @@ def select_views(
         require_usable(dataset.image_dir, dataset.names, monitor=monitor)
     rasterizer = create_rasterizer(backend, monitor)
     with locked_output(out):
-        loop = SelectionLoop.open(out, dataset, settings, rasterizer, monitor)
+        loop = SelectionLoop.open(out, dataset, settings, selector, rasterizer, monitor)
         return _run(loop, out, monitor, warn)
 
 

@@ -2,7 +2,6 @@
 
 from fvs_engine.candidates import CandidateScore
 from fvs_engine.score.estimate.median_frequency_estimate import MedianFrequencyEstimate
-from fvs_engine.score.information import ViewInformation, estimated_information, view_information
 from fvs_engine.score.interface import Scorer
 from fvs_engine.score.median_frequency import MedianFrequency, median_log_magnitude
 from fvs_engine.score.median_frequency_fast import MedianFrequencyFast
@@ -18,12 +17,9 @@ __all__ = [
     "MedianFrequencyFast",
     "Scorer",
     "SpectralMedian",
-    "ViewInformation",
     "check_min_coverage",
-    "estimated_information",
     "judged",
     "median_log_magnitude",
     "rank",
     "spectral_median_frequency",
-    "view_information",
 ]

@@ -21,9 +21,9 @@ from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.growing_scene import GrowingScene
 from fvs_engine.scene.observations import read_observations
 from fvs_engine.scene.scene_model import SceneModel
+from fvs_engine.score.selectors.interface import SelectionContext, Selector, select
 from fvs_engine.select.candidate_views import comparable_views, psnr_of
 from fvs_engine.select.initial_views import initial_views
-from fvs_engine.select.interface import SelectionContext, select
 from fvs_engine.select.loop_folder import LoopFolder, SelectionManifest, fingerprint
 from fvs_engine.select.loop_records import (
     AlignmentRecord,
@@ -33,7 +33,6 @@ from fvs_engine.select.loop_records import (
     StopReason,
 )
 from fvs_engine.select.loop_settings import LoopSettings
-from fvs_engine.select.selectors import create_selector
 from fvs_engine.select.stopping import (
     Clock,
     budget_spent,
@@ -85,6 +84,7 @@ class SelectionLoop:
         dataset: Dataset,
         scene: GrowingScene,
         settings: LoopSettings,
+        selector: Selector,
         reach: Reach,
     ) -> None:
         self.dataset = dataset
@@ -100,22 +100,29 @@ class SelectionLoop:
         self._records = records
         self._folder = folder
         self._manifest = manifest
-        self._selector = create_selector(settings.method)
+        self._selector = selector
         self._centres = dataset.centres()
         self._clock = Clock(settings.time_limit_s)
         self._begun = False
 
     @classmethod
     def open(
-        cls, folder: Path, dataset: Dataset, settings: LoopSettings, rasterizer: Rasterizer, monitor: Monitor
+        cls,
+        folder: Path,
+        dataset: Dataset,
+        settings: LoopSettings,
+        selector: Selector,
+        rasterizer: Rasterizer,
+        monitor: Monitor,
     ) -> "SelectionLoop":
         """Create a selection in ``folder``, or resume the one there; computes nothing yet.
 
-        Raises ``InvalidInputError`` for an unknown method, a pool that is smaller than the budget and a
+        ``selector`` is the one that ``settings.method`` names.
+
+        Raises ``InvalidInputError`` for a pool that is smaller than the budget and a
         reach in which the first step finds nothing; ``OutputExistsError`` when the folder holds something
         else or another selection; ``StorageError``.
         """
-        create_selector(settings.method)
         pool, held_out = hold_out(dataset.names, settings.test_every, settings.hold_out)
         if len(pool) < settings.budget:
             raise InvalidInputError(
@@ -146,7 +153,7 @@ class SelectionLoop:
             )
         )
         scene = GrowingScene.open(place.scene, dataset, settings.scene, rasterizer, monitor)
-        return cls(place, manifest, dataset, scene, settings, reach)
+        return cls(place, manifest, dataset, scene, settings, selector, reach)
 
     @property
     def records(self) -> tuple[StepRecord, ...]:

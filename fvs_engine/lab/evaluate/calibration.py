@@ -6,12 +6,12 @@ from collections.abc import Mapping, Sequence
 from scipy.stats import spearmanr
 
 from fvs_engine.candidates import CandidateStatus
+from fvs_engine.lab.baselines import create_selector
 from fvs_engine.lab.evaluate.held_out import aligned_views, psnr_at
 from fvs_engine.lab.evaluate.results import Calibration, RankCorrelation
 from fvs_engine.monitor import Monitor
 from fvs_engine.score import CandidateScore
 from fvs_engine.select.loop import SelectionLoop
-from fvs_engine.select.selectors import create_selector
 from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_schema.stages import Stage
 

@@ -9,6 +9,7 @@ from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.files.owned_folder import OwnedFolder, differences
 from fvs_engine.files.record import write_record
 from fvs_engine.hold_out import hold_out
+from fvs_engine.lab.baselines import SELECTORS, create_selector
 from fvs_engine.lab.evaluate.lpips import find_lpips
 from fvs_engine.lab.evaluate.markdown import markdown
 from fvs_engine.lab.evaluate.plots import plot_calibration, plot_quality, plot_travel, styles
@@ -21,7 +22,6 @@ from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.records import Record
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.select.loop_folder import fingerprint
-from fvs_engine.select.selectors import SELECTORS, create_selector
 from fvs_engine.splat.raster import Rasterizer
 from fvs_schema.stages import Stage
 

@@ -8,6 +8,7 @@ from pathlib import Path
 from fvs_engine.errors import StorageError
 from fvs_engine.files.record import write_record
 from fvs_engine.files.storage import storage_errors
+from fvs_engine.lab.baselines import create_selector
 from fvs_engine.lab.evaluate.calibration import calibrate
 from fvs_engine.lab.evaluate.held_out import Lpips, evaluate
 from fvs_engine.lab.evaluate.protocol import Protocol
@@ -103,7 +104,8 @@ class Setup:
 
     def open(self, folder: Path, method: str, seed: int, monitor: Monitor) -> SelectionLoop:
         """The loop of one run, begun or resumed."""
-        return SelectionLoop.open(folder, self.dataset, self.settings(method, seed), self.rasterizer, monitor)
+        settings, selector = self.settings(method, seed), create_selector(method)
+        return SelectionLoop.open(folder, self.dataset, settings, selector, self.rasterizer, monitor)
 
 
 def make_start(setup: Setup, folder: Path, method: str, seed: int, monitor: Monitor) -> Path:

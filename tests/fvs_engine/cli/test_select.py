@@ -16,7 +16,7 @@ from PIL import Image
 
 from fvs_engine.choices import Method
 from fvs_engine.cli.exit_codes import EXIT_CODES, INTERRUPTED, USAGE
-from fvs_engine.select.selectors import SELECTORS
+from fvs_engine.lab.baselines import SELECTORS
 from fvs_engine.splat.ply import read_ply
 
 Fvs = Callable[..., Any]

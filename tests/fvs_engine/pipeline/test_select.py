@@ -6,6 +6,7 @@ import pytest
 from PIL import Image
 
 from fvs_engine.errors import BackendUnavailableError, InvalidInputError
+from fvs_engine.lab.baselines import create_selector
 from fvs_engine.lab.evaluate.from_datasets import evaluate_selectors
 from fvs_engine.lab.evaluate.protocol import PRESETS
 from fvs_engine.monitor import Monitor
@@ -14,7 +15,8 @@ from fvs_engine.pipeline.selection_request import SelectionRequest
 
 
 def _select(dataset: Path, out: Path, monitor: Monitor) -> None:
-    select_views(dataset, out, SelectionRequest(poses="known", initial=4), monitor=monitor)
+    request = SelectionRequest(poses="known", initial=4)
+    select_views(dataset, out, request, create_selector(request.method), monitor=monitor)
 
 
 def _evaluate(dataset: Path, out: Path, monitor: Monitor) -> None:

@@ -22,7 +22,7 @@ from fvs_engine.candidates import CandidateStatus, RankedCandidate
 from fvs_engine.choices import Method
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera, look_at
-from fvs_engine.select.selectors import SELECTORS
+from fvs_engine.lab.baselines import SELECTORS
 from fvs_engine.views import PinholeView
 
 

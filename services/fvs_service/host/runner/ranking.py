@@ -6,12 +6,12 @@ import time
 import numpy as np
 from PIL import Image
 
+from fvs_engine.lab.baselines import create_selector
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.clearance import FreeSpace
 from fvs_engine.plan.reach import Reach
 from fvs_engine.score.log_magnitude import log_magnitude
-from fvs_engine.select.interface import SelectionContext, select
-from fvs_engine.select.selectors import create_selector
+from fvs_engine.score.selectors.interface import SelectionContext, select
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.render import render_color, to_pixels
 from fvs_engine.views import PinholeView

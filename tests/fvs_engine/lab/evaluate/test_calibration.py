@@ -86,7 +86,7 @@ def test_a_real_loop_is_asked_and_does_not_change(loop: SelectionLoop, ring: Dat
         assert tensor.equal(before[name])
 
     # the same by other means: render every unvisited view, and ask the selector for its scores
-    from fvs_engine.select.selectors import create_selector
+    from fvs_engine.lab.baselines import create_selector
 
     truths = []
     for name in loop.unvisited:

@@ -9,13 +9,13 @@ from hypothesis import strategies as st
 from matplotlib.figure import Figure
 from PIL import Image
 
+from fvs_engine.lab.baselines import SELECTORS
 from fvs_engine.lab.evaluate import plots
 from fvs_engine.lab.evaluate.plots import plot_calibration, plot_quality, plot_travel, spread_out, styles
 from fvs_engine.lab.evaluate.protocol import PRESETS
 from fvs_engine.lab.evaluate.report import Summary, summarise
 from fvs_engine.lab.evaluate.results import Run
 from fvs_engine.lab.evaluate.trajectories import on_floor, plot_trajectories
-from fvs_engine.select.selectors import SELECTORS
 
 METHODS = ("farthest", "random", "fisher")
 MakeRun = Callable[..., Run]

@@ -5,9 +5,9 @@ import torch
 
 from fvs_engine.candidates import CandidateStatus
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.lab.baselines import SELECTORS, create_selector
 from fvs_engine.score import CandidateScore
-from fvs_engine.select.interface import select
-from fvs_engine.select.selectors import SELECTORS, create_selector
+from fvs_engine.score.selectors.interface import select
 from fvs_engine.splat.raster import create_rasterizer
 
 

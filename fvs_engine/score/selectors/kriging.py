@@ -13,7 +13,7 @@ from fvs_engine.plan.planner import plan_views
 from fvs_engine.plan.route import StraightLegs, shortest_route
 from fvs_engine.plan.targets import Targets
 from fvs_engine.score import CandidateScore
-from fvs_engine.select.interface import SelectionContext
+from fvs_engine.score.selectors.interface import SelectionContext
 
 TRAVEL = 1e-4
 """Price of travel, in variance per spread of the targets: some 0.002 dB. It orders planned views."""

@@ -8,7 +8,7 @@ from torch import Tensor
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.score import MIN_COVERAGE, CandidateScore, check_min_coverage, judged
-from fvs_engine.select.interface import SelectionContext
+from fvs_engine.score.selectors.interface import SelectionContext
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.spherical_harmonics import SH_C0, dc_from_color

@@ -3,7 +3,7 @@ import pytest
 import torch
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.select.selectors.coverage import SEEN_PX, Coverage, _weights_px, directional_coverage
+from fvs_engine.lab.baselines.coverage import SEEN_PX, Coverage, _weights_px, directional_coverage
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import create_rasterizer
 

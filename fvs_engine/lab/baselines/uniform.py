@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from fvs_engine.candidates import CandidateStatus
 from fvs_engine.monitor import Monitor
 from fvs_engine.score import CandidateScore
-from fvs_engine.select.interface import SelectionContext
+from fvs_engine.score.selectors.interface import SelectionContext
 
 
 class Uniform:

@@ -7,7 +7,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import view_distances
 from fvs_engine.score import CandidateScore
-from fvs_engine.select.interface import SelectionContext
+from fvs_engine.score.selectors.interface import SelectionContext
 
 
 class Farthest:

@@ -8,16 +8,11 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from fvs_engine.lab.baselines.information import ViewInformation, view_information
 from fvs_engine.monitor import Monitor
-from fvs_engine.score import (
-    MIN_COVERAGE,
-    CandidateScore,
-    ViewInformation,
-    judged,
-    view_information,
-)
+from fvs_engine.score import MIN_COVERAGE, CandidateScore, judged
 from fvs_engine.score.parallel import map_in_order
-from fvs_engine.select.interface import SelectionContext
+from fvs_engine.score.selectors.interface import SelectionContext
 from fvs_engine.views import PinholeView
 from fvs_schema.stages import Stage
 
@@ -33,8 +28,8 @@ cancel, and λ matters only where the visited views carry hardly any information
 class InformationGain:
     """Scores a candidate by minus ``gain(H, H_visited + λ)``, with the information H of one view.
 
-    H is ``fvs_engine.score.information``: the diagonal of JᵀJ over all parameters but rotations, summed
-    over pixels and channels. ``gain`` maps two tensors [N, P] to a number [].
+    H is ``view_information``: the diagonal of JᵀJ over all parameters but rotations, summed over pixels and
+    channels. ``gain`` maps two tensors [N, P] to a number [].
 
     Cost: one gradient per candidate and per visited view on the CPU, ``information.PROBES`` of them
     elsewhere. The visited views' information is that at the *current* parameters, so it is computed

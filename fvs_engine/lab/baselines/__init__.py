@@ -1,22 +1,22 @@
-"""Table of the selectors by name."""
+"""The selectors that the product is compared with, and the table of all selectors by name."""
 
 from collections.abc import Callable, Mapping
 
 from fvs_engine.choices import Method
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.select.interface import Selector
-from fvs_engine.select.selectors.coverage import Coverage
-from fvs_engine.select.selectors.distance import Farthest, Nearest
-from fvs_engine.select.selectors.information_gain import d_optimal, fisher
-from fvs_engine.select.selectors.kriging import Kriging
-from fvs_engine.select.selectors.random_order import RandomOrder
-from fvs_engine.select.selectors.renders import (
+from fvs_engine.lab.baselines.coverage import Coverage
+from fvs_engine.lab.baselines.distance import Farthest, Nearest
+from fvs_engine.lab.baselines.information_gain import d_optimal, fisher
+from fvs_engine.lab.baselines.random_order import RandomOrder
+from fvs_engine.lab.baselines.uniform import Uniform
+from fvs_engine.score.selectors.interface import Selector
+from fvs_engine.score.selectors.kriging import Kriging
+from fvs_engine.score.selectors.renders import (
     median_frequency,
     median_frequency_estimate,
     median_frequency_fast,
     spectral_median,
 )
-from fvs_engine.select.selectors.uniform import Uniform
 
 SELECTORS: Mapping[Method, Callable[[], Selector]] = {
     "median-frequency": median_frequency,

@@ -4,9 +4,9 @@ import numpy as np
 import pytest
 import torch
 
-from fvs_engine.score import estimated_information, view_information
-from fvs_engine.select.interface import select
-from fvs_engine.select.selectors import create_selector
+from fvs_engine.lab.baselines import create_selector
+from fvs_engine.lab.baselines.information import estimated_information, view_information
+from fvs_engine.score.selectors.interface import select
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import SquaringRasterizer, create_rasterizer
 from fvs_engine.views import PinholeView

@@ -11,7 +11,7 @@ from fvs_engine.score import (
     Scorer,
     SpectralMedian,
 )
-from fvs_engine.select.interface import SelectionContext
+from fvs_engine.score.selectors.interface import SelectionContext
 
 
 @dataclass(frozen=True)

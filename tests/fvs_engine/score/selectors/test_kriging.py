@@ -5,11 +5,12 @@ import itertools
 import numpy as np
 import pytest
 
+from fvs_engine.lab.baselines import create_selector
 from fvs_engine.plan.distances import path_length
 from fvs_engine.plan.familiarity import Observations
 from fvs_engine.plan.fleet import Fleet
 from fvs_engine.plan.reach import Reach
-from fvs_engine.select.selectors import create_selector, kriging
+from fvs_engine.score.selectors import kriging
 
 
 def a_ring(ring):

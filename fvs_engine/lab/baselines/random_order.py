@@ -5,7 +5,7 @@ import hashlib
 from fvs_engine.candidates import CandidateStatus
 from fvs_engine.monitor import Monitor
 from fvs_engine.score import CandidateScore
-from fvs_engine.select.interface import SelectionContext
+from fvs_engine.score.selectors.interface import SelectionContext
 
 
 class RandomOrder:

@@ -2,8 +2,8 @@
 
 import pytest
 
+from fvs_engine.lab.baselines import SELECTORS, create_selector
 from fvs_engine.monitor import Monitor
-from fvs_engine.select.selectors import SELECTORS, create_selector
 
 ONE_BY_ONE = (
     "median-frequency", "median-frequency-fast", "median-frequency-estimate", "spectral-median", "fisher",

@@ -9,9 +9,9 @@ from hypothesis import strategies as st
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import RigidTransform
+from fvs_engine.lab.baselines import create_selector
+from fvs_engine.lab.baselines.uniform import planned_indices
 from fvs_engine.plan.distances import view_distances
-from fvs_engine.select.selectors import create_selector
-from fvs_engine.select.selectors.uniform import planned_indices
 from fvs_engine.views import PinholeView
 
 

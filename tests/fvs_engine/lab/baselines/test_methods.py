@@ -6,9 +6,9 @@ from pathlib import Path
 
 import pytest
 
-from fvs_engine.select.selectors import SELECTORS, create_selector
+from fvs_engine.lab.baselines import SELECTORS, create_selector
 
-_PAGE = Path(__file__).parents[3] / "docs" / "reference" / "methods.md"
+_PAGE = Path(__file__).parents[4] / "docs" / "reference" / "methods.md"
 _BOUNDS = {
     "0 to 0.71": (0.0, math.sqrt(0.5)),
     "0 to 1": (0.0, 1.01),

@@ -1,0 +1,1 @@
+"""Selectors: they score candidates for the next view; the paper's, and kriging."""
