@@ -14,29 +14,27 @@ PHOTOGRAPHS --colmap MODEL/sfm/sparse --test-every 2 --out MODEL-half`.
 import argparse
 import json
 from collections import Counter
+from dataclasses import replace
+from functools import partial
 from pathlib import Path
 
 import numpy as np
-from fvs_service.host.runner.model_states import ModelState
-from fvs_service.host.runner.ranking import rank_views
 from fvs_service.rankings.generators import generate
 from fvs_service.rankings.model import AroundCurrent, Dataset, Grid, Orbit
-from fvs_service.rankings.port import RankedViews, RankViews
 from fvs_service.rankings.scene_geometry import SceneGeometry
-from fvs_service.snapshots.model import PinholeIntrinsics, SnapshotCameras, SnapshotView
 from PIL import Image, ImageDraw
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.geometry import level_axes, quaternion_from_matrix
-from fvs_engine.monitor import Monitor
-from fvs_engine.pipeline.model import TrainedModel, open_model
-from fvs_engine.plan.clearance import FreeSpace
+from fvs_engine.geometry import level_axes
+from fvs_engine.lab.baselines import create_selector
+from fvs_engine.pipeline.model import open_model
 from fvs_engine.plan.familiarity import Observations
 from fvs_engine.plan.generate import candidates_in
 from fvs_engine.plan.volumes import Box
 from fvs_engine.scene.observations import read_observations
+from fvs_engine.scene.scene_model import Ranking, SceneModel, Situation
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
-from fvs_engine.splat.render import render_color, to_pixels
+from fvs_engine.splat.render import to_pixels
 from fvs_engine.views import PinholeView
 
 METHODS = ("median-frequency", "fisher", "kriging")
@@ -56,13 +54,15 @@ def seen_by(observations: Observations, photographs: tuple[PinholeView, ...]) ->
     return Observations(observations.points, points[often], observations.seen_from[kept][often])
 
 
-def candidate_sets(model: TrainedModel, state: ModelState) -> Sets:
+def candidate_sets(model: SceneModel) -> Sets:
     """The candidates of every generator with its defaults, and the poses of all photographs."""
-    cameras = tuple(view.camera_from_model.inverse() for view in model.training_views)
-    level = level_axes(np.array(state.cameras.up))
-    corners = np.array([state.cameras.lower, state.cameras.upper])[np.indices((2, 2, 2)).reshape(3, -1).T]
+    cameras = tuple(view.camera_from_model.inverse() for view in model.views)
+    level = level_axes(model.up)
+    assert model.observations is not None
+    points = model.observations.points
+    corners = np.percentile(points, (5, 95), axis=0)[np.indices((2, 2, 2)).reshape(3, -1).T]
     box = corners[:, range(3), range(3)] @ level
-    scene = SceneGeometry(cameras, np.array(state.cameras.centre), level, box.min(axis=0), box.max(axis=0))
+    scene = SceneGeometry(cameras, np.median(points, axis=0), level, box.min(axis=0), box.max(axis=0))
     spread = float(np.linalg.norm(np.std(scene.centres, axis=0)))
     current = cameras[-1].translation
     made = {
@@ -84,16 +84,14 @@ def candidate_sets(model: TrainedModel, state: ModelState) -> Sets:
         along=tuple(level[:, 0].tolist()),
     )
     try:
-        sets["in-volume"] = candidates_in(
-            volume, 100, model.camera, up=level[:, 2], space=FreeSpace(state.matter)
-        )
+        sets["in-volume"] = candidates_in(volume, 100, model.camera, up=level[:, 2], space=model.space())
     except InvalidInputError as error:
         print(f"in-volume: {error.message}")
-    sets["photographs"] = own_poses(model, model.views)
+    sets["photographs"] = own_poses(model, model.registered)
     return sets
 
 
-def own_poses(model: TrainedModel, views: tuple[PinholeView, ...]) -> tuple[PinholeView, ...]:
+def own_poses(model: SceneModel, views: tuple[PinholeView, ...]) -> tuple[PinholeView, ...]:
     """Candidates at the poses of photographs."""
     return tuple(
         PinholeView(f"own-{number}", model.camera, view.camera_from_model)
@@ -101,46 +99,18 @@ def own_poses(model: TrainedModel, views: tuple[PinholeView, ...]) -> tuple[Pinh
     )
 
 
-def state_of(model: TrainedModel, observations: Observations) -> ModelState:
-    """The model as a runner holds it."""
-    poses = [view.camera_from_model.inverse() for view in model.training_views]
-    up = -np.mean([pose.rotation[:, 1] for pose in poses], axis=0)
-    low, high = np.percentile(observations.points, (5, 95), axis=0)
-    cameras = SnapshotCameras(
-        camera=PinholeIntrinsics.of(model.camera),
-        views=tuple(
-            SnapshotView(
-                image=f"sha256:{number:064x}",
-                name=f"{number}",
-                position=tuple(pose.translation.tolist()),
-                orientation_wxyz=tuple(quaternion_from_matrix(pose.rotation).tolist()),
-            )
-            for number, pose in enumerate(poses)
-        ),
-        centre=tuple(np.median(observations.points, axis=0).tolist()),
-        up=tuple((up / np.linalg.norm(up)).tolist()),
-        lower=tuple(low.tolist()),
-        upper=tuple(high.tolist()),
-    )
-    gaussians = model.gaussians
-    iterations = model.training.iterations
-    return ModelState("model", gaussians, gaussians.sh_degree, cameras, iterations, lambda: observations)
-
-
 def ranked(
-    state: ModelState, views: tuple[PinholeView, ...], method: str, rasterizer: Rasterizer, *, every: bool
-) -> RankedViews:
+    model: SceneModel, views: tuple[PinholeView, ...], method: str, rasterizer: Rasterizer, *, every: bool
+) -> Ranking:
     """The ranking of a runner."""
-    request = RankViews(
-        scene_id="scene", snapshot_id="model", method=method, views=views, rank_all=every, budget=FIRST
-    )
-    return rank_views(request, state, rasterizer, Monitor())
+    situation = Situation(budget=FIRST)
+    return model.rank(views, create_selector(method), rasterizer, situation=situation, rank_all=every)
 
 
 def sheet(
     path: Path,
-    rows: list[tuple[str, RankedViews, tuple[PinholeView, ...]]],
-    state: ModelState,
+    rows: list[tuple[str, Ranking, tuple[PinholeView, ...]]],
+    model: SceneModel,
     rasterizer: Rasterizer,
 ) -> None:
     """Write the first ten renders of every ranking, a row each."""
@@ -157,7 +127,7 @@ def sheet(
         for column, one in enumerate(first):
             view = PinholeView(one.name, small, by_name[one.name].camera_from_model)
             at = (margin + column * (TILE_PX + 4), row * height)
-            page.paste(Image.fromarray(to_pixels(render_color(state.gaussians, view, rasterizer))), at)
+            page.paste(Image.fromarray(to_pixels(model.render(view, rasterizer))), at)
             chance = "" if one.chance is None else f"{one.chance:.2f}"
             draw.text((at[0], at[1] + small.height), f"{one.score:.3g} {one.status} {chance}", fill="black")
     page.save(path)
@@ -174,19 +144,17 @@ def main() -> None:
     table = {}
     for root in args.models:
         model = open_model(root.with_name(f"{root.name}-half") if args.half else root)
-        observations = seen_by(
-            read_observations(open_model(root).workspace.undistorted / "sparse"), model.training_views
-        )
-        state = state_of(model, observations)
+        observations = read_observations(open_model(root).workspace.undistorted / "sparse")
+        model = replace(model, read_observations=partial(seen_by, observations, model.views))
         if args.half:
-            sets: Sets = {"photographs": own_poses(model, model.held_out_views)}
+            sets: Sets = {"photographs": own_poses(model, model.held_out)}
         else:
-            sets = candidate_sets(model, state)
+            sets = candidate_sets(model)
         counts: dict[str, dict[str, int]] = {}
         for name, views in sets.items():
             statuses = Counter(
                 one.status.value
-                for one in ranked(state, views, "nearest", rasterizer, every=False).candidates
+                for one in ranked(model, views, "nearest", rasterizer, every=False).candidates
             )
             counts[name] = dict(statuses)
             print(f"{root.name:12} {name:15} {dict(statuses)}", flush=True)
@@ -195,9 +163,9 @@ def main() -> None:
             rows = []
             for name, views in sets.items():
                 for method in METHODS:
-                    ranking = ranked(state, views, method, rasterizer, every=every)
+                    ranking = ranked(model, views, method, rasterizer, every=every)
                     rows.append((f"{name} {method}", ranking, views))
-            sheet(args.out / f"{root.name}{'-all' if every else ''}.png", rows, state, rasterizer)
+            sheet(args.out / f"{root.name}{'-all' if every else ''}.png", rows, model, rasterizer)
     (args.out / "first_views.json").write_text(json.dumps(table, indent=1))
 
 

@@ -143,8 +143,8 @@ def main() -> None:
     for path in options.models:
         model = open_model(path)
         sets = {
-            "beside": beside(list(model.views), options.count, options.seed),
-            "rings": rings(list(model.views), options.count),
+            "beside": beside(list(model.registered), options.count, options.seed),
+            "rings": rings(list(model.registered), options.count),
         }
         for kind, views in sets.items():
             rows.append(row(f"{path.name}, {kind}", model.gaussians, views, rasterizer, options.first, clock))

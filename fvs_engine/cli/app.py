@@ -33,7 +33,7 @@ from fvs_engine.errors import ContradictedModelsError, ContradictedPositionsErro
 if TYPE_CHECKING:
     from fvs_engine.cli.jobs import Warn
     from fvs_engine.monitor import Monitor
-    from fvs_engine.pipeline.rank import Ranking
+    from fvs_engine.pipeline.rank import RankingResult
 
 COMMANDS = "fvs.commands"
 """Entry point group: functions that are called with ``app`` and add commands to it."""
@@ -235,7 +235,7 @@ def rank(
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job
 
-    def job(monitor: "Monitor", warn: "Warn") -> "tuple[Ranking, Path]":  # noqa: ARG001
+    def job(monitor: "Monitor", warn: "Warn") -> "tuple[RankingResult, Path]":  # noqa: ARG001
         run.limit_threads()
         from fvs_engine.pipeline.rank import rank_candidates
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from fvs_engine.lab.evaluate.statistics import Estimate
     from fvs_engine.pipeline.info import FolderInfo
     from fvs_engine.pipeline.plan import PlanResult
-    from fvs_engine.pipeline.rank import Ranking
+    from fvs_engine.pipeline.rank import RankingResult
     from fvs_engine.pipeline.select import SelectionResult
 
 _UNWRAPPED_COLUMNS = 10_000
@@ -54,7 +54,7 @@ def show_folder(folder: Path, *, machine: bool) -> None:
             _console(stdout).print(table)
 
 
-def show_ranking(ranking: "Ranking", folder: Path, *, top: int | None, machine: bool) -> None:
+def show_ranking(ranking: "RankingResult", folder: Path, *, top: int | None, machine: bool) -> None:
     """Print the first ``top`` candidates and where the files are."""
     shown = ranking.candidates[:top]
     if machine:

@@ -21,9 +21,9 @@ from fvs_engine.geometry import (
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.geometry.validation import MAX_POSITION
 from fvs_engine.images.names import match_names
-from fvs_engine.pipeline.model import TrainedModel
-from fvs_engine.pipeline.views import usual_camera
+from fvs_engine.pipeline.model import FolderModel
 from fvs_engine.records import Record, first_error
+from fvs_engine.scene.scene_model import usual_camera
 from fvs_engine.sfm.colmap.imports import import_transforms_json
 from fvs_engine.views import PinholeView
 
@@ -116,12 +116,12 @@ def _require_few(path: Path, document: Any, most: int | None) -> None:
 
 
 def candidates_of(
-    model: TrainedModel, path: Path | None, *, most: int | None = None
+    model: FolderModel, path: Path | None, *, most: int | None = None
 ) -> tuple[PinholeView, ...]:
     """The candidates of a file; without one the held-out views, and poses between training views."""
     if path is not None:
-        return read_candidates(path, model.views, model.aliases, most=most)
-    return candidates_at(model.held_out_views, model.camera) + candidates_between(model.training_views)
+        return read_candidates(path, model.registered, model.aliases, most=most)
+    return candidates_at(model.held_out, model.camera) + candidates_between(model.views)
 
 
 def candidates_between(views: Sequence[PinholeView]) -> tuple[PinholeView, ...]:

@@ -8,7 +8,6 @@ from datetime import UTC, datetime
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
 from pydantic import AwareDatetime, Field
 
 from fvs_engine.errors import InvalidInputError
@@ -18,26 +17,20 @@ from fvs_engine.files.storage import storage_errors
 from fvs_engine.geometry import quaternion_from_matrix
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import candidates_of, read_candidates
-from fvs_engine.pipeline.model import TrainedModel, open_model
+from fvs_engine.pipeline.model import FolderModel, open_model
 from fvs_engine.pipeline.plan_picture import draw_plan
 from fvs_engine.plan.clearance import FreeSpace
 from fvs_engine.plan.considered import considered
 from fvs_engine.plan.distances import view_points
-from fvs_engine.plan.flight import MOST_PLACES, free_legs
+from fvs_engine.plan.flight import MOST_PLACES
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.generate import MOST_CANDIDATES, Aim, candidates_in
 from fvs_engine.plan.kriging import variances
-from fvs_engine.plan.plan import make_plan
 from fvs_engine.plan.plan_records import Plan
-from fvs_engine.plan.plan_warnings import candidates_too_close
 from fvs_engine.plan.registrable import NEARER, few_registrable
-from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
 from fvs_engine.plan.volumes import AnyVolume, volume_from_json
 from fvs_engine.records import Record
-from fvs_engine.scene.matter import matter_of
-from fvs_engine.score.appearance import with_appearance
-from fvs_engine.score.feasibility import FeasibilityCheck
 from fvs_engine.views import PinholeView
 
 Position = tuple[float, float, float]
@@ -69,14 +62,13 @@ class PlannedPose(Record):
 
 
 class PlanResult(Record):
-    """``plan.json``: the plan, the poses of its views by name, and the names of the targets."""
+    """``plan.json``: the plan, and the poses of its views."""
 
     version: int = 1
     created: AwareDatetime = Field(default_factory=lambda: datetime.now(UTC))
     summary: str
     plan: Plan
     poses: tuple[PlannedPose, ...]
-    targets: tuple[str, ...]
 
 
 def plan_next_views(
@@ -106,65 +98,70 @@ def plan_next_views(
     """
     monitor = monitor or Monitor()
     model = open_model(root)
-    space = _free_space(model, flight, monitor) if flight is not None else None
-    if flight is not None and space is not None and flight.volume is not None:
-        volume = read_volume(flight.volume)
-        later = candidates_in(volume, flight.count, model.camera, up=_up(model), aim=flight.aim, space=space)
-        if len(later) < flight.count:
-            _log.warning(
-                "The volume has room for %s of the %s candidates. Give a larger volume, a smaller count, or "
-                "a shorter safety distance.",
-                f"{len(later):,}",
-                f"{flight.count:,}",
-            )
-    else:
-        later = candidates_of(model, candidates_file, most=MOST_CANDIDATES)
-    served: tuple[PinholeView, ...] = ()
+    space = None
+    if flight is not None:
+        space = model.space(flight.safety, tuple(map(read_volume, flight.no_fly)), monitor)
+    candidates = _candidates(model, candidates_file, flight, space)
+    targets: tuple[PinholeView, ...] = ()
     if targets_file:
-        served = read_candidates(targets_file, model.views, model.aliases, most=MOST_CANDIDATES)
-    places = [np.array(start) for start in starts] or [model.training_views[-1].centre] * vehicles
-    given, later = len(later), considered(later, budget.views, MOST_PLACES - len(places))
-    if len(later) < given:
+        targets = read_candidates(targets_file, model.registered, model.aliases, most=MOST_CANDIDATES)
+    places = [np.array(start) for start in starts] or [model.views[-1].centre] * vehicles
+    given, candidates = len(candidates), considered(candidates, budget.views, MOST_PLACES - len(places))
+    if len(candidates) < given:
         _log.warning(
             "The plan considers %s of the %s candidates, drawn evenly: with all of them it would take too "
             "long. Give fewer candidates, or fewer views.",
-            f"{len(later):,}",
+            f"{len(candidates):,}",
             f"{given:,}",
         )
-    free = space or FreeSpace(matter_of(model.gaussians), monitor=monitor)
-    check = FeasibilityCheck(model.gaussians, model.training_views, model.observations)
-    given, later = len(later), check.assess(later, free, monitor).possible(later)
-    if not served:
-        served = (*model.views, *(view for view in later if view not in model.views))
     if not all(np.isfinite(start).all() for start in starts):
         raise InvalidInputError("A start must be three finite numbers.", hint="Give --start X,Y,Z.")
-    targets = Targets(model.training_views, later, served, model.observations, monitor=monitor)
-    legs = free_legs(targets.centres, np.stack(places), space) if space is not None else None
-    plan = with_appearance(
-        make_plan(targets, budget, places, _seen(model, targets.spread), legs, monitor),
-        later,
-        model.gaussians,
-        monitor,
+    plan = model.plan(
+        candidates,
+        budget,
+        places,
+        lambda spread: _seen(model, spread),
+        targets=targets,
+        space=space,
+        monitor=monitor,
     )
-    few = few_registrable(plan.registrable, len(later))
+    few = few_registrable(plan.registrable, len(candidates))
     if few is not None:
         _log.warning("%s %s", few, NEARER)
-    for warning in (*candidates_too_close(given - len(later), given), *plan.warnings):
+    for warning in plan.warnings:
         _log.warning("%s %s", warning.message, warning.hint)
-    poses = {view.name: view for view in later}
-    planned = [stop.name for tour in plan.tours for stop in tour.stops]
+    by_name = {view.name: view for view in candidates}
     result = PlanResult(
         summary=plan.sentence("units"),
         plan=plan,
-        poses=tuple(_pose(poses[name]) for name in planned),
-        targets=tuple(view.name for view in served),
+        poses=tuple(_pose(by_name[stop.name]) for tour in plan.tours for stop in tour.stops),
     )
     folder = out or model.workspace.plan
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     write_record(folder / "plan.json", result)
-    draw_plan(folder / "plan.png", plan, model.training_views, served, poses, title=result.summary)
+    of_model = model.registered
+    served = targets or (*of_model, *(by_name[name] for name in plan.targets[len(of_model) :]))
+    draw_plan(folder / "plan.png", plan, model.views, served, by_name, title=result.summary)
     return result, folder
+
+
+def _candidates(
+    model: FolderModel, file: Path | None, flight: Flight | None, space: FreeSpace | None
+) -> tuple[PinholeView, ...]:
+    """The candidates of a file, or those of the flight's volume."""
+    if flight is None or space is None or flight.volume is None:
+        return candidates_of(model, file, most=MOST_CANDIDATES)
+    volume = read_volume(flight.volume)
+    found = candidates_in(volume, flight.count, model.camera, up=model.up, aim=flight.aim, space=space)
+    if len(found) < flight.count:
+        _log.warning(
+            "The volume has room for %s of the %s candidates. Give a larger volume, a smaller count, or "
+            "a shorter safety distance.",
+            f"{len(found):,}",
+            f"{flight.count:,}",
+        )
+    return found
 
 
 def read_volume(path: Path) -> AnyVolume:
@@ -176,25 +173,13 @@ def read_volume(path: Path) -> AnyVolume:
         raise InvalidInputError(f"{path}: {error.message}", hint=error.hint) from error
 
 
-def _free_space(model: TrainedModel, flight: Flight, monitor: Monitor) -> FreeSpace:
-    """Where vehicles may be, by the model's opaque Gaussians."""
-    zones = tuple(map(read_volume, flight.no_fly))
-    return FreeSpace(matter_of(model.gaussians), flight.safety, zones, monitor=monitor)
-
-
-def _up(model: TrainedModel) -> NDArray[np.float64]:
-    """The direction [3] that is up in most photographs."""
-    rotations = np.stack([view.camera_from_model.rotation for view in model.training_views])
-    return np.asarray(-rotations[:, 1].mean(axis=0))
-
-
-def _seen(model: TrainedModel, scale: float) -> list[Seen]:
+def _seen(model: FolderModel, scale: float) -> list[Seen]:
     """The held-out views, which the model was not trained on; ``scale``: the spread of the plan's targets."""
     metrics = model.workspace.read_metrics()
-    if metrics is None or not metrics.views or not model.held_out_views:
+    if metrics is None or not metrics.views or not model.held_out:
         return []
-    held_out, visited = (view_points(views, scale) for views in (model.held_out_views, model.training_views))
-    names = [view.name for view in model.held_out_views]
+    held_out, visited = (view_points(views, scale) for views in (model.held_out, model.views))
+    names = [view.name for view in model.held_out]
     known = dict(zip(names, variances(held_out, visited).tolist(), strict=True))
     return [Seen(known[view.name], view.psnr_db) for view in metrics.views if view.name in known]
 

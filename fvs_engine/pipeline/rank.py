@@ -1,7 +1,7 @@
 """Ranking of candidate views by a trained model."""
 
 import logging
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -16,15 +16,11 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import candidates_of
 from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet
 from fvs_engine.pipeline.model import open_model
-from fvs_engine.plan.clearance import FreeSpace
 from fvs_engine.plan.registrable import ELSEWHERE, NEARER, few_registrable, none_feasible
 from fvs_engine.records import Record
-from fvs_engine.scene.matter import matter_of
-from fvs_engine.score import MedianFrequency, MedianFrequencyEstimate, MedianFrequencyFast, Scorer, rank
-from fvs_engine.score.feasibility import FeasibilityCheck
+from fvs_engine.score import MedianFrequency, MedianFrequencyEstimate, MedianFrequencyFast, Scorer
+from fvs_engine.score.selectors.renders import ScorerSelector
 from fvs_engine.splat.raster import create_rasterizer
-from fvs_engine.splat.render import render_color
-from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.views import PinholeView
 from fvs_schema.stages import Stage
 
@@ -44,7 +40,7 @@ class RankedPose(RankedCandidate):
     orientation_wxyz: tuple[float, float, float, float]
 
 
-class Ranking(Record):
+class RankingResult(Record):
     """``ranking.json``: the candidates in order, and how they were compared."""
 
     version: int = 1
@@ -68,7 +64,7 @@ def rank_candidates(
     rank_all: bool = False,
     backend: str = "auto",
     monitor: Monitor | None = None,
-) -> tuple[Ranking, Path]:
+) -> tuple[RankingResult, Path]:
     """Rank the candidates of a file by the model in ``root``; write ranking.json and contact_sheet.png.
 
     Without a file the held-out views and poses halfway between neighbouring training views are ranked.
@@ -83,40 +79,40 @@ def rank_candidates(
     model = open_model(root)
     candidates = candidates_of(model, candidates_file)
     rasterizer = create_rasterizer(backend, monitor)
-    gaussians = model.gaussians.to(rasterizer.device)
-    scorer = _scorer(method, top)
-    check = FeasibilityCheck(model.gaussians, model.training_views, model.observations)
-    assessment = check.assess(
-        candidates, FreeSpace(matter_of(model.gaussians), safety, monitor=monitor), monitor
+    model = replace(model, gaussians=model.gaussians.to(rasterizer.device))
+    selector = ScorerSelector(_scorer(method, top))
+    ranked = model.rank(
+        candidates,
+        selector,
+        rasterizer,
+        space=model.space(safety, monitor=monitor),
+        rank_all=rank_all,
+        monitor=monitor,
     )
-    scored = candidates if rank_all else assessment.feasible(candidates)
-    with torch_threads_for(rasterizer.device):
-        scores = scorer.score(gaussians, scored, rasterizer, monitor=monitor) if scored else ()
-    ranked = assessment.complete(rank(scores))
     for message, hint in (
-        (few_registrable(assessment.registrable, len(candidates)), NEARER),
-        (none_feasible(item.status for item in ranked), ELSEWHERE),
+        (few_registrable(ranked.registrable, len(candidates)), NEARER),
+        (none_feasible(item.status for item in ranked.candidates), ELSEWHERE),
     ):
         if message is not None:
             _log.warning("%s %s", message, hint)
     by_name = {candidate.name: candidate for candidate in candidates}
-    ranking = Ranking(
-        method=scorer.name,
-        iterations=model.training.iterations,
-        gaussians=len(gaussians),
+    ranking = RankingResult(
+        method=selector.name,
+        iterations=model.iterations,
+        gaussians=len(model.gaussians),
         width_px=candidates[0].camera.width,
         height_px=candidates[0].camera.height,
-        candidates=tuple(_ranked_pose(item, by_name[item.name]) for item in ranked),
+        candidates=tuple(_ranked_pose(item, by_name[item.name]) for item in ranked.candidates),
     )
     folder = out or model.workspace.ranking
     with storage_errors(folder):
         folder.mkdir(parents=True, exist_ok=True)
     write_record(folder / "ranking.json", ranking)
-    first = ranked[: min(top or SHEET_CANDIDATES, MOST_ON_SHEET)]
+    first = ranked.candidates[: min(top or SHEET_CANDIDATES, MOST_ON_SHEET)]
     shown = []
     for done, item in enumerate(first, start=1):
         monitor.check()
-        shown.append(SheetEntry(item, render_color(gaussians, by_name[item.name], rasterizer)))
+        shown.append(SheetEntry(item, model.render(by_name[item.name], rasterizer)))
         monitor.report(Stage.CONTACT_SHEET, done, len(first))
     contact_sheet(folder / "contact_sheet.png", shown, title=f"Next views · {root.absolute().name}")
     return ranking, folder

@@ -1,6 +1,7 @@
 """Rendering of a trained model to PNG files: its views, candidates, or a path through the views."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from PIL import Image
@@ -11,9 +12,9 @@ from fvs_engine.files.storage import storage_errors
 from fvs_engine.geometry import smooth_path
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import read_candidates
-from fvs_engine.pipeline.model import TrainedModel, open_model
+from fvs_engine.pipeline.model import FolderModel, open_model
 from fvs_engine.splat.raster import create_rasterizer
-from fvs_engine.splat.render import render_color, to_pixels
+from fvs_engine.splat.render import to_pixels
 from fvs_engine.views import PinholeView
 from fvs_schema.stages import Stage
 
@@ -37,7 +38,7 @@ def render_views(
     monitor = monitor or Monitor()
     model = open_model(root)
     if candidates_file is not None:
-        wanted: Sequence[PinholeView] = read_candidates(candidates_file, model.views, model.aliases)
+        wanted: Sequence[PinholeView] = read_candidates(candidates_file, model.registered, model.aliases)
         folder = out or model.workspace.renders / "candidates"
     else:
         wanted = _members(model, group, frames)
@@ -47,10 +48,10 @@ def render_views(
             f"{root} has no {group} views.", hint="Choose another group with --views, or --candidates."
         )
     rasterizer = create_rasterizer(backend, monitor)
-    gaussians = model.gaussians.to(rasterizer.device)
+    model = replace(model, gaussians=model.gaussians.to(rasterizer.device))
     paths = []
     for done, view in enumerate(wanted, start=1):
-        pixels = to_pixels(render_color(gaussians, view, rasterizer))
+        pixels = to_pixels(model.render(view, rasterizer))
         # Views are named after files; the names of candidates can be anything.
         name = view.name if candidates_file is None else _file_name(view.name)
         path = folder / f"{name}.png"
@@ -63,18 +64,18 @@ def render_views(
     return tuple(paths)
 
 
-def _members(model: TrainedModel, group: ViewGroup, frames: int) -> Sequence[PinholeView]:
+def _members(model: FolderModel, group: ViewGroup, frames: int) -> Sequence[PinholeView]:
     if group == "path":
-        keys = [view.camera_from_model.inverse() for view in model.training_views]
+        keys = [view.camera_from_model.inverse() for view in model.views]
         camera = model.camera
         return [
             PinholeView(f"{index:05d}", camera, model_from_camera.inverse())
             for index, model_from_camera in enumerate(smooth_path(keys, frames))
         ]
     return {
-        "held-out": model.held_out_views,
-        "training": model.training_views,
-        "all": model.views,
+        "held-out": model.held_out,
+        "training": model.views,
+        "all": model.registered,
     }[group]
 
 

@@ -23,9 +23,9 @@ from fvs_engine.pipeline.views import (
     load_views,
     model_views,
     read_undistorted,
-    usual_camera,
 )
 from fvs_engine.pipeline.workspace import Workspace
+from fvs_engine.scene.scene_model import usual_camera
 from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.metrics import psnr, ssim
 from fvs_engine.splat.ply import write_ply

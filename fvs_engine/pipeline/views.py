@@ -1,6 +1,5 @@
 """The views of an output folder: pinhole cameras at training resolution, and which are held out."""
 
-from collections import Counter
 from collections.abc import Sequence
 from pathlib import Path
 
@@ -53,8 +52,3 @@ def load_views(
         monitor.report(Stage.LOAD, done, len(views))
         monitor.check()
     return loaded
-
-
-def usual_camera(views: Sequence[PinholeView]) -> PinholeCamera:
-    """The camera that most views have; of equally frequent ones the first by name."""
-    return Counter(view.camera for view in views).most_common(1)[0][0]

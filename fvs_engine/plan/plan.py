@@ -111,6 +111,7 @@ def make_plan(
             for way, tour, along in zip(ways, tours, travels, strict=True)
         ),
         terms=_terms(targets, chosen, legs, vehicles),
+        targets=targets.names,
         target_variances=tuple(
             zip(targets.variances_after([]).tolist(), targets.variances_after(chosen).tolist(), strict=True)
         ),

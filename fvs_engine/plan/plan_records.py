@@ -98,16 +98,18 @@ class PlanWarning(Record):
 class Plan(Record):
     """Tours, what to expect ``now`` and at the ``end``, and the terms of candidates, planned ones first.
 
-    What a stop brings assumes that all tours are flown at the same speed. ``target_variances`` are those of
-    the targets, in their order, before and after. ``registrable``: how many candidates are likely to be
-    registered now (None: poses are known). ``warnings``: which vehicles have no tour because they cannot
-    fly, which candidates could not be planned, and whether the planned ones show nothing.
+    What a stop brings assumes that all tours are flown at the same speed. ``targets`` are the names of the
+    poses that the model must serve, and ``target_variances`` their variances before and after.
+    ``registrable``: how many candidates are likely to be registered now (None: poses are known).
+    ``warnings``: which vehicles have no tour because they cannot fly, which candidates could not be planned,
+    and whether the planned ones show nothing.
     """
 
     now: Expectation
     end: Expectation
     tours: tuple[VehicleTour, ...]
     terms: tuple[Term, ...]
+    targets: tuple[str, ...]
     target_variances: tuple[tuple[float, float], ...]
     registrable: int | None = None
     warnings: tuple[PlanWarning, ...] = ()

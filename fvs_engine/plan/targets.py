@@ -40,6 +40,8 @@ class Targets:
         monitor: Monitor | None = None,
     ) -> None:
         served = targets or (*visited, *later)
+        self.names = tuple(view.name for view in served)
+        """Names of the targets."""
         self.later = tuple(later)
         self.index = {view.name: index for index, view in enumerate(later)}
         self.spread = spread((*visited, *later)) or spread(served)

@@ -15,7 +15,7 @@ from fvs_engine.candidates import CandidateStatus, RankedCandidate
 from fvs_engine.compilation.ahead import ensure_compiled
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
-from fvs_engine.plan.clearance import FreeSpace
+from fvs_engine.plan.clearance import FreeSpace, Matter
 from fvs_engine.plan.familiarity import Familiarity, Observations
 from fvs_engine.plan.registrable import ELSEWHERE, none_feasible
 from fvs_engine.score.estimate.nearness import Look, Nearness, nearest_photographs
@@ -34,6 +34,15 @@ LEAST_CHANCE = 0.1
 
 _IMPOSSIBLE = (CandidateStatus.IN_MATTER, CandidateStatus.TOO_CLOSE, CandidateStatus.NO_FLY)
 _CPU = torch.device("cpu")
+
+
+def matter_of(gaussians: Gaussians) -> Matter:
+    """What Gaussians, on any device, show to be solid."""
+    return Matter.of_model(
+        gaussians.means.detach().cpu().numpy(),
+        gaussians.log_scales.detach().exp().cpu().numpy(),
+        gaussians.opacity_logits.detach().sigmoid().cpu().numpy(),
+    )
 
 
 @dataclass(frozen=True, eq=False)

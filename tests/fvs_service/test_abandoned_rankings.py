@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 from fvs_service.host.runner import server
-from fvs_service.host.runner.model_states import ModelStates
+from fvs_service.host.runner.snapshot_models import SnapshotModels
 from slow_scoring import Scene, slow_scene
 
 
@@ -78,7 +78,7 @@ def test_renders_are_asked_for_in_the_same_way(scene: Scene, monkeypatch: pytest
         return b"png"
 
     monkeypatch.setattr(server, "render_view", render)
-    monkeypatch.setattr(ModelStates, "of_snapshot", lambda *_: None)
+    monkeypatch.setattr(SnapshotModels, "of_snapshot", lambda *_: None)
     ranking = scene.ask(5).json()
     path = f"/v1/rankings/{ranking['id']}/candidates/orbit-0000/render.png"
     answers = together([lambda: scene.gateway.client.get(path).content] * 4)

@@ -8,7 +8,7 @@ import pytest
 from fvs_service.scenes.model import Alignment, AlignmentStatus
 
 from fvs_engine.geometry import matrix_from_quaternion
-from fvs_engine.scene.matter import matter_of
+from fvs_engine.score.feasibility import matter_of
 
 LOOK = {"frame": "world", "position": [0.0, 0.0, -4.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}
 

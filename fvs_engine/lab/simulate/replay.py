@@ -88,7 +88,7 @@ def open_replay(root: Path, place: ReplayPlace | None = None, backend: str = "au
     Raises ``InvalidInputError`` when the folder holds no trained model, or one of too few photographs.
     """
     model = open_model(root)
-    return ReplayScenery(model.gaussians, model.training_views, model.camera, place, backend)
+    return ReplayScenery(model.gaussians, model.views, model.camera, place, backend)
 
 
 def write_poses(path: Path, views: Sequence[PinholeView], home: GeodeticPosition) -> None:

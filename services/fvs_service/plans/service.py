@@ -1,6 +1,6 @@
 """Plans of flights. They never wait for a job: the scene's runner makes them while it trains."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TypeAlias
 
@@ -53,8 +53,6 @@ class _Prepared:
     frame: WorldFrame
     poses: Mapping[str, RigidTransform]
     photographed: frozenset[str]
-    targets: tuple[str, ...]
-    images: tuple[str, ...]
     model_request: PlanViews
 
 
@@ -156,7 +154,6 @@ class Plans:
         starts = {f"vehicle {number}": pose for number, pose in enumerate(vehicles)}
         require_on_earth({**served, **starts})
         scale = frame.world_from_model.scale
-        images = tuple(view.image for view in cameras.views)
         model_request = PlanViews(
             scene_id=scene.id,
             endpoint=endpoint,
@@ -183,8 +180,6 @@ class Plans:
             frame,
             left,
             photographed,
-            tuple(served),
-            images,
             model_request,
         )
 
@@ -261,7 +256,7 @@ def _plan(prepared: _Prepared, flight: PlannedFlight) -> Plan:
         now=Expectation.of(plan.now),
         end=Expectation.of(plan.end),
         tours=tours,
-        candidates=_terms(plan, prepared.targets or (*prepared.images, *poses), scale),
+        candidates=_terms(plan, scale),
         photographed=tuple(sorted(prepared.photographed)),
         alignment=snapshot.alignment,
         origin=prepared.scene.origin if frame.georeferenced else None,
@@ -278,7 +273,7 @@ def _plan(prepared: _Prepared, flight: PlannedFlight) -> Plan:
     )
 
 
-def _terms(plan: engine_records.Plan, targets: Sequence[str], scale: float) -> tuple[CandidateTerms, ...]:
+def _terms(plan: engine_records.Plan, scale: float) -> tuple[CandidateTerms, ...]:
     return tuple(
         CandidateTerms(
             id=term.name,
@@ -288,7 +283,7 @@ def _terms(plan: engine_records.Plan, targets: Sequence[str], scale: float) -> t
             variance=term.variance,
             distance_m=None if term.distance is None else term.distance * scale,
             chance=term.chance,
-            helps=tuple(targets[index] for index in term.helps),
+            helps=tuple(plan.targets[index] for index in term.helps),
             coverage=term.coverage,
             median_frequency=term.median_frequency,
         )

@@ -9,7 +9,7 @@ import pytest
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at
 from fvs_engine.pipeline.candidates import candidates_at, candidates_between, read_candidates
-from fvs_engine.pipeline.views import usual_camera
+from fvs_engine.scene.scene_model import usual_camera
 from fvs_engine.views import PinholeView
 
 POSE = {"name": "a", "position": [1, 2, 3], "orientation_wxyz": [0.5, 0.5, -0.5, 0.5]}

@@ -9,8 +9,7 @@ from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at
 from fvs_engine.plan.clearance import FreeSpace
 from fvs_engine.plan.familiarity import Observations
 from fvs_engine.plan.volumes import Box
-from fvs_engine.scene.matter import matter_of
-from fvs_engine.score.feasibility import Assessment, FeasibilityCheck
+from fvs_engine.score.feasibility import Assessment, FeasibilityCheck, matter_of
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.views import PinholeView
 

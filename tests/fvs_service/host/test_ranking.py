@@ -6,14 +6,13 @@ from typing import Any
 import numpy as np
 import pytest
 import torch
-from fvs_service.host.runner.model_states import ModelState
 from fvs_service.host.runner.ranking import rank_views
 from fvs_service.rankings.port import RankedViews, RankViews
-from fvs_service.snapshots.model import PinholeIntrinsics, SnapshotCameras, SnapshotView
 
-from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at, quaternion_from_matrix
+from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.familiarity import Observations
+from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.views import PinholeView
@@ -29,38 +28,24 @@ def at(step: float) -> RigidTransform:
     return look_at([4.0 * np.cos(angle), 4.0 * np.sin(angle), 1.0], [0, 0, 0], [0, 0, 1])
 
 
-def state(*steps: float, seen: bool = True) -> ModelState:
+def state(*steps: float, seen: bool = True) -> SceneModel:
     """A model of images at these places; ``seen``: its points were seen from everywhere."""
     generator = np.random.default_rng(0)
     points = generator.normal(scale=0.3, size=(200, 3))
     eyes = np.stack([at(step).translation for step in (range(RING) if seen else steps)])
-    views = tuple(
-        SnapshotView(
-            image=f"sha256:{number:064x}",
-            name=f"{number}.jpg",
-            position=tuple(at(step).translation.tolist()),
-            orientation_wxyz=tuple(quaternion_from_matrix(at(step).rotation).tolist()),
-        )
-        for number, step in enumerate(steps)
-    )
-    cameras = SnapshotCameras(
-        camera=PinholeIntrinsics(width_px=32, height_px=24, fx_px=30, fy_px=30, cx_px=16, cy_px=12),
-        views=views,
-        centre=(0, 0, 0),
-        up=(0, 0, 1),
-        lower=(-1, -1, -1),
-        upper=(1, 1, 1),
-    )
+    views = tuple(PinholeView(str(step), CAMERA, at(step).inverse()) for step in steps)
     observations = Observations(
         points, np.repeat(np.arange(len(points)), len(eyes)), np.tile(eyes, (len(points), 1))
     )
     none = torch.zeros((1, 3))
     gaussians = Gaussians(none, none, torch.ones((1, 4)), torch.zeros(1), none, torch.zeros((1, 0, 3)))
-    return ModelState("snapshot", gaussians, 0, cameras, 7, lambda: observations)
+    return SceneModel(
+        gaussians=gaussians, sh_degree=0, iterations=7, views=views, read_observations=lambda: observations
+    )
 
 
 def ranked(
-    of: ModelState, method: str, here: float, reach: float | None, budget: int, *, rank_all: bool = False
+    of: SceneModel, method: str, here: float, reach: float | None, budget: int, *, rank_all: bool = False
 ) -> RankedViews:
     """Rank the ring's candidates in reach of a place on it."""
     views = {number: PinholeView(f"{number:02d}", CAMERA, at(number).inverse()) for number in range(RING)}

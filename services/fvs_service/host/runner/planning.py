@@ -1,4 +1,4 @@
-"""Generates candidates and plans flights with a state of the model."""
+"""Generates candidates and plans flights with the model of a snapshot."""
 
 from collections.abc import Sequence
 
@@ -7,17 +7,12 @@ import numpy as np
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.clearance import FreeSpace
 from fvs_engine.plan.distances import view_points
-from fvs_engine.plan.flight import free_legs
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.generate import Aim, candidates_in
 from fvs_engine.plan.kriging import variances
-from fvs_engine.plan.plan import make_plan
-from fvs_engine.plan.plan_warnings import candidates_too_close
-from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
-from fvs_engine.score.appearance import with_appearance
+from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.views import PinholeView
-from fvs_service.host.runner.model_states import ModelState
 from fvs_service.rankings.port import (
     Clearance,
     GeneratedViews,
@@ -29,39 +24,33 @@ from fvs_service.rankings.port import (
 )
 
 
-def generate_views(request: GenerateViews, state: ModelState, monitor: Monitor) -> GeneratedViews:
+def generate_views(request: GenerateViews, model: SceneModel, monitor: Monitor) -> GeneratedViews:
     """Generate candidates in a volume.
 
     Raises ``InvalidInputError`` when none is clear of matter, and ``Cancelled``.
     """
-    space = FreeSpace(state.matter, request.clearance.safety, request.clearance.no_fly, monitor=monitor)
-    return GeneratedViews(views=_generated(request.views, space))
+    return GeneratedViews(views=_generated(request.views, _space(request.clearance, model, monitor)))
 
 
-def plan_views(request: PlanViews, state: ModelState, monitor: Monitor) -> PlannedFlight:
+def plan_views(request: PlanViews, model: SceneModel, monitor: Monitor) -> PlannedFlight:
     """Plan a flight; raises ``InvalidInputError`` for what cannot be flown, and ``Cancelled``."""
-    clearance = request.clearance or Clearance()
-    space = FreeSpace(state.matter, clearance.safety, clearance.no_fly, monitor=monitor)
+    space = _space(request.clearance or Clearance(), model, monitor)
     generated = () if request.generate is None else _generated(request.generate, space)
-    given = generated or request.views
-    candidates = state.feasibility.assess(given, space, monitor).possible(given)
-    targets = Targets(
-        state.visited,
-        candidates,
-        request.targets,
-        state.observations,
+    plan = model.plan(
+        generated or request.views,
+        Budget(request.budget, request.distance, request.home, scale=request.scale),
+        [np.array(start) for start in request.starts] or [model.views[-1].centre],
+        lambda spread: _seen(request.updates, {view.name: view for view in model.views}, spread),
+        targets=request.targets,
         taken=request.taken,
+        space=None if request.clearance is None else space,
         monitor=monitor,
     )
-    starts = [np.array(start) for start in request.starts] or [state.visited[-1].centre]
-    by_image = dict(zip((view.image for view in state.cameras.views), state.visited, strict=True))
-    seen = _seen(request.updates, by_image, targets.spread)
-    budget = Budget(request.budget, request.distance, request.home, scale=request.scale)
-    legs = None if request.clearance is None else free_legs(targets.centres, np.stack(starts), space)
-    plan = make_plan(targets, budget, starts, seen, legs, monitor)
-    shown = with_appearance(plan, targets.later, state.gaussians, monitor)
-    warnings = (*candidates_too_close(len(given) - len(candidates), len(given)), *shown.warnings)
-    return PlannedFlight(plan=shown.model_copy(update={"warnings": warnings}), generated=generated)
+    return PlannedFlight(plan=plan, generated=generated)
+
+
+def _space(clearance: Clearance, model: SceneModel, monitor: Monitor) -> FreeSpace:
+    return model.space(clearance.safety, clearance.no_fly, monitor)
 
 
 def _generated(wanted: ViewsInVolume, space: FreeSpace) -> tuple[PinholeView, ...]:

@@ -42,11 +42,11 @@ from fvs_service.host.runner.first_model_monitor import FirstModelMonitor
 from fvs_service.host.runner.gpu_slots import gpu_slot
 from fvs_service.host.runner.image_files import discard_images, prepare_images
 from fvs_service.host.runner.job_monitor import JobMonitor
-from fvs_service.host.runner.model_states import ModelStates
 from fvs_service.host.runner.pose_priors import pose_priors
 from fvs_service.host.runner.quality import measure, psnr_db, spread
 from fvs_service.host.runner.scene_choice import choose, read_choice
 from fvs_service.host.runner.scene_folder import SceneFolder
+from fvs_service.host.runner.snapshot_models import SnapshotModels
 from fvs_service.images.files import file_name
 from fvs_service.images.model import Image, Registration
 from fvs_service.jobs.model import JobKind
@@ -77,13 +77,13 @@ class SceneJobs:
         blobs: Blobs,
         settings: WorkerSettings,
         rasterizer: Rasterizer,
-        states: ModelStates,
+        models: SnapshotModels,
     ) -> None:
         self._folder = SceneFolder(folder)
         self._blobs = blobs
         self._settings = settings
         self._rasterizer = rasterizer
-        self._states = states
+        self._models = models
         self._scene: GrowingScene | None = None
 
     def run(
@@ -222,8 +222,8 @@ class SceneJobs:
         """The PSNR of the latest snapshot at the new images, before the model is trained on them."""
         if request.snapshot_id is None:
             return None
-        before = self._states.of_snapshot(request.snapshot_id)
-        seen = {view.image for view in before.cameras.views}
+        before = self._models.of_snapshot(request.snapshot_id)
+        seen = {view.name for view in before.views}
         new = [view for view in scene.views if images[view.name].digest not in seen]
         views = spread(new, _MOST_EVALUATED)
         return psnr_db(before.gaussians, before.sh_degree, views, self._rasterizer, monitor)

@@ -13,6 +13,7 @@ from typing import Any, TypeVar
 from fvs_engine.candidates import CandidateScore
 from fvs_engine.errors import Cancelled, EngineError
 from fvs_engine.monitor import Monitor
+from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_service.errors import ConflictError, ServiceError
 from fvs_service.host.protocol.connection import Connection, RunnerGoneError
@@ -29,14 +30,15 @@ from fvs_service.host.protocol.messages import (
 )
 from fvs_service.host.runner.job_monitor import JobMonitor
 from fvs_service.host.runner.listener import Listener
-from fvs_service.host.runner.model_states import ModelStates
 from fvs_service.host.runner.planning import generate_views, plan_views
 from fvs_service.host.runner.ranking import rank_views, render_view
 from fvs_service.host.runner.request_queue import Requester, RequesterGoneError, RequestQueue, Task
 from fvs_service.host.runner.scene_jobs import SceneJobs
+from fvs_service.host.runner.snapshot_models import SnapshotModels
 from fvs_service.rankings.port import (
     GeneratedViews,
     GenerateViews,
+    ModelRequest,
     PlannedFlight,
     PlanViews,
     RankedViews,
@@ -60,8 +62,8 @@ class RunnerServer:
     def __init__(self, scene_id: str, folder: Path, settings: Settings, secret: str) -> None:
         blobs = Blobs(settings.root.absolute() / "blobs", settings.blobs)
         self._rasterizer = create_rasterizer(settings.worker.backend)
-        self._states = ModelStates(scene_id, blobs, self._rasterizer)
-        self._jobs = SceneJobs(folder, blobs, settings.worker, self._rasterizer, self._states)
+        self._models = SnapshotModels(scene_id, blobs, self._rasterizer)
+        self._jobs = SceneJobs(folder, blobs, settings.worker, self._rasterizer, self._models)
         limits = settings.limits
         self._requests = RequestQueue(limits.rankings_queued_per_scene, limits.rankings_queued_per_key)
         self._job_running = threading.Lock()
@@ -171,24 +173,22 @@ class RunnerServer:
         return self._requests.compute(task, requester)
 
     def _rank(self, request: RankViews, monitor: Monitor) -> RankedViews:
-        state = self._states.of_snapshot(request.snapshot_id)
-        monitor.check()
-        return rank_views(request, state, self._rasterizer, monitor)
+        return rank_views(request, self._model(request, monitor), self._rasterizer, monitor)
 
     def _render(self, request: RenderView, monitor: Monitor) -> str:
-        state = self._states.of_snapshot(request.snapshot_id)
-        monitor.check()
-        return base64.b64encode(render_view(request, state, self._rasterizer)).decode()
+        png = render_view(request, self._model(request, monitor), self._rasterizer)
+        return base64.b64encode(png).decode()
 
     def _generate(self, request: GenerateViews, monitor: Monitor) -> GeneratedViews:
-        state = self._states.of_snapshot(request.snapshot_id)
-        monitor.check()
-        return generate_views(request, state, monitor)
+        return generate_views(request, self._model(request, monitor), monitor)
 
     def _plan(self, request: PlanViews, monitor: Monitor) -> PlannedFlight:
-        state = self._states.of_snapshot(request.snapshot_id)
+        return plan_views(request, self._model(request, monitor), monitor)
+
+    def _model(self, request: ModelRequest, monitor: Monitor) -> SceneModel:
+        model = self._models.of_snapshot(request.snapshot_id)
         monitor.check()
-        return plan_views(request, state, monitor)
+        return model
 
     def _run_job(self, connection: Connection, request: RunJob) -> Any:
         if not self._job_running.acquire(blocking=False):

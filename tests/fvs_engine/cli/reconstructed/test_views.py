@@ -92,7 +92,7 @@ def test_a_plan_of_the_next_views(fvs: Fvs, first_run: tuple[Path, Any], tmp_pat
     (tour,) = plan["tours"]
     assert len(tour["stops"]) == 3
     assert {pose["name"] for pose in written["poses"]} == {stop["name"] for stop in tour["stops"]}
-    assert len(written["targets"]) == len(plan["target_variances"])
+    assert len(plan["targets"]) == len(plan["target_variances"])
     assert plan["end"]["variance"] < plan["now"]["variance"]
     assert all(0 <= term["chance"] <= 1 for term in plan["terms"])  # poses are estimated
     assert all(0 < term["coverage"] <= 1 for term in plan["terms"])
@@ -117,7 +117,7 @@ def test_a_plan_for_two_vehicles_within_a_distance(
     options = ["--start", starts[0], "--start", starts[1], "--targets", targets, "--out", tmp_path / "plan"]
     planned = fvs("plan", out, "--views", 4, *options, "--json")
     assert planned.status == 0, planned.stderr
-    assert planned.document["targets"] == ["front"]
+    assert planned.document["plan"]["targets"] == ["front"]
     tours = planned.document["plan"]["tours"]
     assert [tour["start"] for tour in tours] == [pytest.approx(centres[0]), pytest.approx(centres[-1])]
     longest = max(tour["length"] for tour in tours)
@@ -157,7 +157,7 @@ def test_plans_keep_names_of_any_characters(fvs: Fvs, first_run: tuple[Path, Any
     options = ["--candidates", candidates, "--targets", candidates, "--views", 5]
     run = fvs("plan", out, *options, "--out", tmp_path / "a plan, 50%", "--json")
     assert run.status == 0, run.stderr
-    assert run.document["targets"] == names
+    assert run.document["plan"]["targets"] == names
     assert {term["name"] for term in run.document["plan"]["terms"]} == set(names)
     table = fvs("plan", out, *options, "--out", tmp_path / "a plan, 50%").stdout
     assert all(pose["name"] in table for pose in run.document["poses"])
@@ -234,7 +234,7 @@ def test_a_forecast_measures_variances_as_its_plan_does(
     first_run: tuple[Path, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Candidates far away widen the plan's scale of distances; that of the photographs seen is the same."""
-    held_out = [view.name for view in open_model(first_run[0]).held_out_views]
+    held_out = [view.name for view in open_model(first_run[0]).held_out]
     far = {"name": "far", "position": [500.0, 0.0, 0.0], "orientation_wxyz": [1, 0, 0, 0]}
     file = tmp_path / "candidates.json"
     file.write_text(json.dumps([*({"name": f"c{name}", "view": name} for name in held_out), far]))
@@ -244,7 +244,7 @@ def test_a_forecast_measures_variances_as_its_plan_does(
         given.extend(seen)
         return make_plan(targets, budget, starts, seen, *rest)
 
-    monkeypatch.setattr("fvs_engine.pipeline.plan.make_plan", spied)
+    monkeypatch.setattr("fvs_engine.scene.scene_model.make_plan", spied)
     made, _ = plan_next_views(first_run[0], Budget(views=1), candidates_file=file, out=tmp_path / "plan")
     expected = [term.variance for term in made.plan.terms if term.name != "far"]
     assert held_out
