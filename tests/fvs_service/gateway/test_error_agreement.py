@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from fvs_service import errors
 
-_ROOT = Path(__file__).parents[2]
+_ROOT = Path(__file__).parents[3]
 _AGAIN = re.compile(r"\b([Tt]ry|[Ss]end (it|them|the (request|image|same bytes)))( \w+)? again|\b[Ww]ait\b")
 """Hints of errors after which the same request can succeed."""
 _UNSEEN = {"client-gone", "stale-lease"}

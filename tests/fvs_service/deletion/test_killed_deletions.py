@@ -2,7 +2,7 @@
 
 One process makes and deletes scenes, snapshots and rankings; another one sweeps. Both are killed at random
 moments, again and again. Training and HTTP have no part in this, so a kill costs little: run
-``python tests/fvs_service/test_killed_deletions.py 1000`` for more of them.
+``python tests/fvs_service/deletion/test_killed_deletions.py 1000`` for more of them.
 """
 
 import contextlib
