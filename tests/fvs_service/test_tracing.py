@@ -119,7 +119,7 @@ def test_a_trace_goes_from_the_request_to_the_stages_of_the_job(
     gateway.application.storage.tracing.close()
 
     asked = "POST /v1/scenes/{scene_id}/jobs"
-    trace = [asked, "job: update", "stage: restore", "stage: features", "stage: train"]
+    trace = [asked, "job: update", "stage: restore", "stage: features", "stage: training"]
     assert {collector.spans[name].trace_id.hex() for name in trace} == {TRACE}
     assert collector.spans[asked].parent_span_id.hex() == PARENT.split("-")[2]
     assert collector.below("job: update", asked)
@@ -156,7 +156,7 @@ def test_a_call_over_grpc_is_traced_too(collector: Collector, open_gateway: Call
     asked = "fvs.v1.JobService/CreateJob"
     assert collector.spans[asked].trace_id.hex() == TRACE
     assert collector.below("job: update", asked)
-    assert collector.below("stage: train", "job: update")
+    assert collector.below("stage: training", "job: update")
     assert collector.attributes(asked)["rpc.response.status_code"] == "OK"
     refused = collector.attributes("fvs.v1.JobService/GetJob")
     assert refused["rpc.response.status_code"] == "NOT_FOUND"
