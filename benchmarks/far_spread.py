@@ -31,7 +31,7 @@ from fvs_engine.scene.dataset_priors import dataset_priors
 from fvs_engine.scene.settings import PriorNoise
 from fvs_engine.sfm.batch.reconstruct import reconstruct
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
-from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.pose_priors import ImageSet, PosePriors
 from fvs_engine.sfm.settings import SfmSettings
 
 SCENES = ("fox", "bonsai", "castle-P19", "truck11")
@@ -71,7 +71,7 @@ def subset(scene: Scene, count: int, draw: random.Random) -> list[str]:
 
 def from_scratch(scene: Scene, names: Sequence[str], folder: Path) -> Outcome:
     """All images together."""
-    result = reconstruct(scene.image_dir, names, folder, SETTINGS, Monitor(), PosePriors())
+    result = reconstruct(ImageSet(scene.image_dir, names, PosePriors()), folder, SETTINGS, Monitor())
     return result.reconstruction.centres(), result.report.verdict
 
 

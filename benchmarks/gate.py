@@ -33,11 +33,12 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.geometry.alignment.similarity import robust_umeyama, umeyama
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.batch.mapping import MappedModel, ModelEvidence, registered_names
+from fvs_engine.sfm.batch.mapping import MappedModel, registered_names
 from fvs_engine.sfm.colmap.database import focal_length_priors, read_keypoints, read_verified_pairs
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import GateSettings
+from fvs_engine.sfm.verification.evidence import ModelEvidence
 from fvs_engine.sfm.verification.gate import decide
 from fvs_engine.sfm.verification.links import Links
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs

@@ -27,6 +27,7 @@ from fvs_engine.sfm.batch.mapping import calibrate_view_graph, load_models, run_
 from fvs_engine.sfm.batch.reconstruct import reconstruct
 from fvs_engine.sfm.matching.features import extract_features
 from fvs_engine.sfm.matching.match import match_features
+from fvs_engine.sfm.pose_priors import ImageSet
 from fvs_engine.sfm.settings import FeatureSettings, MapperName, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
 
@@ -74,7 +75,7 @@ class Scene:
         """
         image_dir = data / name / "images"
         names = sorted(path.name for path in image_dir.iterdir())
-        result = reconstruct(image_dir, names, cache / name / "reference", SETTINGS, Monitor())
+        result = reconstruct(ImageSet(image_dir, names), cache / name / "reference", SETTINGS, Monitor())
         if result.report.verdict != "accepted":
             raise ReconstructionError(f"The model of all photographs of {name} is {result.report.verdict}.")
         return Scene(name, image_dir, result.reconstruction.centres())
@@ -128,9 +129,9 @@ class Scene:
 
 def prepare(scene: Scene, folder: Path) -> Stages:
     """Features and matches of the scene's pool, in ``folder``."""
-    stages = Stages(SfmFolder(folder), SETTINGS, Monitor())
-    names = stages.open(scene.image_dir, scene.pool(), 2)
-    extract_features(stages, scene.image_dir, names)
+    stages = Stages(SfmFolder(folder), scene.image_dir, SETTINGS, Monitor())
+    names = stages.open(scene.pool(), 2)
+    extract_features(stages, names)
     match_features(stages, names)
     return stages
 
@@ -144,11 +145,11 @@ def map_subset(scene: Scene, names: Sequence[str], whole: SfmFolder, folder: Pat
             database.execute("PRAGMA wal_checkpoint(TRUNCATE)")
         shutil.copyfile(whole.database, target.database)
         shutil.copyfile(whole.state, target.state)
-        stages = Stages(target, SETTINGS, Monitor())
-        stages.open(scene.image_dir, names, 2)
+        stages = Stages(target, scene.image_dir, SETTINGS, Monitor())
+        stages.open(names, 2)
         calibrate_view_graph(stages)
         for mapper in MAPPERS:
-            run_mapper(stages, mapper, scene.image_dir, len(names))
+            run_mapper(stages, mapper, len(names))
         (folder / "mapped").write_text(json.dumps(list(names)))
     return target
 

@@ -28,6 +28,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.reconstruct import reconstruct
 from fvs_engine.sfm.colmap.imports import import_colmap, import_transforms_json
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
+from fvs_engine.sfm.pose_priors import ImageSet
 from fvs_engine.sfm.settings import SfmSettings
 
 BOOTSTRAP = 10
@@ -100,7 +101,7 @@ def compare(
     processor = median(added.processor_s for added in around)
     with tempfile.TemporaryDirectory() as folder:
         begun, worked = time.perf_counter(), so_far_s()
-        scratch = reconstruct(images, names, Path(folder), settings, Monitor())
+        scratch = reconstruct(ImageSet(images, names), Path(folder), settings, Monitor())
         from_nothing, worked = time.perf_counter() - begun, so_far_s() - worked
     print(f"{len(names)} from scratch: {from_nothing:.1f} s, {scratch.report.seconds}", flush=True)
     ours, theirs = errors(one.centres, truth), errors(scratch.reconstruction.centres(), truth)

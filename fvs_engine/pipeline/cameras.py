@@ -17,7 +17,7 @@ from fvs_engine.sfm.batch.undistort import undistort
 from fvs_engine.sfm.colmap.imports import fit_cameras, import_colmap, import_transforms_json
 from fvs_engine.sfm.colmap.model import write_colmap
 from fvs_engine.sfm.native_process import end_child
-from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.pose_priors import ImageSet, PosePriors
 from fvs_engine.sfm.quarantine import CulpritError, warning
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import SfmReport
@@ -106,7 +106,8 @@ def _find(
     else:
         source = "photographs"
         priors = None if manifest.settings.gps else PosePriors()  # None: the positions in EXIF
-        result = reconstruct(workspace.images, names, workspace.sfm, settings, monitor, priors)
+        images = ImageSet(workspace.images, names, priors)
+        result = reconstruct(images, workspace.sfm, settings, monitor)
     return source, result.model_dir, result.report
 
 

@@ -1,6 +1,7 @@
 """Poses of the dataset, with the points that the visited views saw."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from statistics import median
 
@@ -86,7 +87,8 @@ class KnownPoses:
             points = self._dataset.points.seen_by(visited)
         else:
             points, warnings = self._triangulated(views, monitor)
-        return PoseUpdate.between(known, views, points, visited, len(visited), warnings)
+        update = PoseUpdate.between(known, views, points, visited, len(visited))
+        return replace(update, warnings=warnings)
 
     def localise(self, names: Sequence[str], monitor: Monitor) -> dict[str, AnyView]:
         """See ``PoseSource``: the dataset's poses."""
@@ -103,8 +105,9 @@ class KnownPoses:
             folder = SfmFolder(self._folder)
             if not has_colmap_model(folder.mapping(GIVEN)):  # it failed earlier
                 raise
+            stages = Stages(folder, self._dataset.image_dir, self._settings, monitor)
             try:
-                evidence = read_model_evidence(Stages(folder, self._settings, monitor))
+                evidence = read_model_evidence(stages)
             except CulpritError as culprit:
                 folder.quarantine.add(culprit)
                 return self._triangulated(views, monitor)

@@ -16,13 +16,14 @@ import subprocess
 import threading
 import time
 import weakref
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from pathlib import Path
 from typing import IO, Any
 
 from fvs_engine.child_process import close_pipes, spawn, stop, write
 from fvs_engine.errors import NativeJobError, NoProcessError, ProcessDiedError
 from fvs_engine.monitor import Monitor
+from fvs_engine.sfm.jobs import Answer, Request
 
 _CHILD = "fvs_engine.sfm.native.child"
 _ENVIRONMENT = {
@@ -35,7 +36,7 @@ _KILLED = {-signal.SIGKILL, -signal.SIGTERM, -signal.SIGINT, -signal.SIGHUP}
 _LOG_BYTES = 8_000_000
 """Size of a log above which it is renamed to ``native.old.log``, replacing the one before."""
 _LOGGED_CHARACTERS = 2_000
-"""Maximum length of a job's arguments in the log: they contain the priors of all images."""
+"""Maximum length of a request in the log: it contains the priors of all images."""
 _POLL_S = 0.1
 _TICK_S = 0.3
 
@@ -43,15 +44,14 @@ Progress = Callable[[], None]
 
 
 def run_native(
-    job: str,
-    arguments: Mapping[str, Any],
+    request: Request[Answer],
     log_file: Path,
     monitor: Monitor,
     *,
     on_tick: Progress | None = None,
     on_event: Callable[[int], None] | None = None,
-) -> Any:
-    """Run ``job`` (see ``native.jobs.find_job``) with JSON ``arguments`` in a child; returns its JSON result.
+) -> Answer:
+    """Run the job of ``request`` in a child; returns its answer.
 
     ``on_tick`` is called a few times a second while the child works, ``on_event`` with each number that it
     reports. Raises ``Cancelled`` when the monitor is cancelled, after the child has ended;
@@ -60,16 +60,17 @@ def run_native(
     """
     monitor.check()
     log_file.parent.mkdir(parents=True, exist_ok=True)
+    job, plain = request.job, request.model_dump(mode="json")
     order = {
         "job": job,
-        "arguments": dict(arguments),
+        "request": plain,
         "log": str(log_file.absolute()),
         "folder": str(Path.cwd()),
     }
     child = _this_threads_child()
     try:
         with _open_log(log_file) as log:
-            log.write(f"== {job} {_shortened(json.dumps(dict(arguments)))}\n")
+            log.write(f"== {job} {_shortened(json.dumps(plain))}\n")
             log.flush()
             child.begin(json.dumps(order), log)
         outcome, status = _wait(child, monitor, on_tick, on_event)
@@ -81,7 +82,7 @@ def run_native(
     if "error" in outcome:
         reason = outcome["error"].rstrip(".")
         raise NativeJobError(f"Stage {job!r} failed: {reason}.", hint=f"Details are in {log_file}.")
-    return outcome["result"]
+    return request.read(outcome["result"])
 
 
 def _open_log(file: Path) -> IO[str]:

@@ -4,6 +4,9 @@ Sources are GPS and gimbals, a planner's targets, a dataset. They are noisy, and
 ``verification`` compares them with a model.
 """
 
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
 from typing import Self
 
 import numpy as np
@@ -79,3 +82,15 @@ class PosePriors(Record):
     def position_sigmas(self, names: list[str]) -> Array:
         """The standard deviations [N] of these positions."""
         return np.array([self.by_name[name].position_sigma for name in names], dtype=np.float64)
+
+
+@dataclass(frozen=True)
+class ImageSet:
+    """Images to reconstruct together: ``names``, posix paths in ``folder``, in capture order.
+
+    ``priors`` are the pose priors of images; None: the GPS positions in their EXIF.
+    """
+
+    folder: Path
+    names: Sequence[str]
+    priors: PosePriors | None = None

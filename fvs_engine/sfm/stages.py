@@ -5,7 +5,7 @@ import hashlib
 import json
 import shutil
 import time
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -23,6 +23,7 @@ from fvs_engine.sfm.colmap.database import (
 )
 from fvs_engine.sfm.colmap.part_database import matches_around
 from fvs_engine.sfm.culprit import Item, run_or_accuse
+from fvs_engine.sfm.jobs import Answer, Request
 from fvs_engine.sfm.native_process import run_native
 from fvs_engine.sfm.quarantine import CulpritError, Quarantine
 from fvs_engine.sfm.settings import SfmSettings
@@ -108,17 +109,16 @@ class SfmFolder:
 class Stages:
     """One run in a folder: times stages, runs native jobs, deletes outdated files."""
 
-    def __init__(self, folder: SfmFolder, settings: SfmSettings, monitor: Monitor) -> None:
+    def __init__(self, folder: SfmFolder, image_dir: Path, settings: SfmSettings, monitor: Monitor) -> None:
         self.folder = folder
+        self.image_dir = image_dir
         self.settings = settings
         self.monitor = monitor
         self.seconds: dict[str, float] = {}
         self.warnings: list[str] = []
         self.pairs_matched = 0
 
-    def open(
-        self, image_dir: Path, image_names: Sequence[str], min_images: int, *, growing: bool = False
-    ) -> list[str]:
+    def open(self, image_names: Sequence[str], min_images: int, *, growing: bool = False) -> list[str]:
         """Check the input and the folder; returns the image names.
 
         Features are extracted anew when the set has become large or small, unless it is ``growing``.
@@ -133,24 +133,22 @@ class Stages:
                 + (f" ({names[0]})." if names else "."),
                 hint="Give photographs of the same scene from several places; ten or more work well.",
             )
-        missing = [name for name in names if not (image_dir / name).is_file()]
+        missing = [file for name in names if not (file := self.image_dir / name).is_file()]
         if missing:
-            raise InvalidInputError(
-                f"{image_dir / missing[0]} does not exist.", hint="Check the image names."
-            )
+            raise InvalidInputError(f"{missing[0]} does not exist.", hint="Check the image names.")
         self.folder.root.mkdir(parents=True, exist_ok=True)
         require_sound_database(self.folder.database)
-        self._delete_stale(image_dir, names, growing)
+        self._delete_stale(names, growing)
         return names
 
-    def _delete_stale(self, image_dir: Path, names: Sequence[str], growing: bool) -> None:
+    def _delete_stale(self, names: Sequence[str], growing: bool) -> None:
         settings = self.settings.model_dump(mode="json", exclude={"threads", "growth"})
         # Features of one kind match those of the other: a set that grows from few to many images keeps them.
         features = {
             key: settings[key]
             for key in ("features_of_few", "features_of_many", "camera_model", "intrinsics", "focal_prior")
         }
-        sizes = {name: (image_dir / name).stat().st_size for name in names}
+        sizes = {name: (self.image_dir / name).stat().st_size for name in names}
         kind = _digest(self.settings.features(len(names)).model_dump())
         state = {"features": _digest(features), "images": sizes, "mapping": _digest([settings, names])}
         mapping = {key: value for key, value in settings.items() if key not in _NOT_MAPPING}
@@ -184,37 +182,34 @@ class Stages:
 
     def native(
         self,
-        job: str,
-        arguments: Mapping[str, Any],
+        request: Request[Answer],
         *,
         on_tick: Callable[[], None] | None = None,
         on_event: Callable[[int], None] | None = None,
-    ) -> Any:
+    ) -> Answer:
         """Run a native job with the folder's log and this run's monitor."""
-        return run_native(job, arguments, self.folder.log, self.monitor, on_tick=on_tick, on_event=on_event)
+        return run_native(request, self.folder.log, self.monitor, on_tick=on_tick, on_event=on_event)
 
     def native_over(
         self,
-        job: str,
         items: Sequence[Item],
-        arguments: Callable[[Sequence[Item]], Mapping[str, Any]],
+        request_of: Callable[[Sequence[Item]], Request[Answer]],
         *,
         controls: Sequence[Item] = (),
-        image_of: Callable[[Item], str] = str,
         on_tick: Callable[[], None] | None = None,
         on_event: Callable[[int], None] | None = None,
-    ) -> Any:
-        """Run a native job on ``items``, images or pairs of them; its result.
+    ) -> Answer:
+        """Run a native job on ``items``, images or pairs of them; its answer.
 
-        ``arguments`` are those of the job on a part of the items, which may run several times. Raises
-        ``CulpritError`` when a single item crashes it, whose image is ``image_of`` it (see ``culprit``), and
+        ``request_of`` gives the request for a part of the items; the job may run several times. Raises
+        ``CulpritError`` when a single item crashes it (see ``culprit``), of a pair for its first image, and
         ``DamagedOutputError`` when the database is the cause.
         """
-        results = []
+        results: list[Answer] = []
 
         def run(some: Sequence[Item]) -> None:
             try:
-                results.append(self.native(job, arguments(some), on_tick=on_tick, on_event=on_event))
+                results.append(self.native(request_of(some), on_tick=on_tick, on_event=on_event))
             except NativeJobError:
                 require_sound_database(self.folder.database)  # else no image is to blame
                 raise
@@ -222,7 +217,7 @@ class Stages:
         accused = run_or_accuse(run, items, controls)
         if accused is not None:
             culprit, error = accused
-            raise CulpritError.of(image_of(culprit), error)
+            raise CulpritError.of(str(culprit[0] if isinstance(culprit, tuple) else culprit), error)
         return results[-1]
 
     def write_model(self, model: pycolmap.Reconstruction) -> None:

@@ -2,10 +2,9 @@
 
 import contextlib
 import json
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Iterator
 from contextlib import AbstractContextManager
 from pathlib import Path
-from typing import Any
 
 import pytest
 
@@ -16,7 +15,9 @@ from fvs_engine.records import Record
 from fvs_engine.sfm import stages
 from fvs_engine.sfm.batch import undistort
 from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
+from fvs_engine.sfm.jobs import REQUESTS, Answer, Request
 from fvs_engine.sfm.native.jobs import find_job
+from fvs_engine.sfm.pose_priors import ImageSet
 from fvs_engine.sfm.settings import SfmSettings
 
 
@@ -26,32 +27,34 @@ def kermit_names(kermit_dir: Path) -> list[str]:
 
 
 def _run_here(
-    job: str,
-    arguments: Mapping[str, Any],
+    request: Request[Answer],
     log_file: Path,
     monitor: Monitor,
     *,
     on_tick: Callable[[], None] | None = None,
     on_event: Callable[[int], None] | None = None,
-) -> Any:
+) -> Answer:
     """Like ``run_native``, in this process: nothing can stop the job, and its output is not in the log.
 
     Jobs have one thread: pytest's process cannot be forked, and results are the same at every run.
     """
     monitor.check()
     log_file.parent.mkdir(parents=True, exist_ok=True)
-    order = json.loads(json.dumps(dict(arguments)))
-    if "threads" in order:
-        order["threads"] = 1
+    order = json.loads(json.dumps(request.model_dump(mode="json")))
+    for plain in (order, order.get("registration", {})):
+        if "threads" in plain:
+            plain["threads"] = 1
     try:
-        result = find_job(job)(on_event or (lambda _event: None), **order)
+        report = on_event or (lambda _event: None)
+        result = find_job(request.job)(REQUESTS[request.job].model_validate(order), report)
     except Exception as error:
-        raise ReconstructionError(f"Stage {job!r} failed: {error}", hint="It ran in this process.") from error
+        message = f"Stage {request.job!r} failed: {error}"
+        raise ReconstructionError(message, hint="It ran in this process.") from error
     if on_tick is not None:
         on_tick()
     monitor.check()
     plain = result.model_dump(mode="json") if isinstance(result, Record) else result
-    return json.loads(json.dumps(plain))
+    return request.read(json.loads(json.dumps(plain)))
 
 
 @contextlib.contextmanager
@@ -72,7 +75,7 @@ def kermit_sfm(
     """
     folder = tmp_path_factory.mktemp("kermit") / "sfm"
     with _without_children():
-        return reconstruct(kermit_dir, kermit_names, folder, SfmSettings(), Monitor())
+        return reconstruct(ImageSet(kermit_dir, kermit_names), folder, SfmSettings(), Monitor())
 
 
 @pytest.fixture(scope="session")

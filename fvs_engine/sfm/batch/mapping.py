@@ -1,17 +1,15 @@
 """Stage three: the two mappers, their models on disk, and the evidence for each."""
 
-from collections.abc import Mapping, Sequence, Set
-from dataclasses import dataclass, field
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 import pycolmap
-from numpy.typing import NDArray
 
 from fvs_engine.geometry.alignment.positions import MAX_MISPLACED_SHARE
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.colmap.database import (
-    VerifiedPair,
     focal_length_priors,
     image_ids,
     publish,
@@ -21,49 +19,29 @@ from fvs_engine.sfm.colmap.database import (
     verified_pair_count,
 )
 from fvs_engine.sfm.colmap.model import has_colmap_model, open_colmap
+from fvs_engine.sfm.jobs import CalibrateViewGraph, MapGlobally, MapImages, MapIncrementally
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import MapperName
 from fvs_engine.sfm.stages import Stages, fresh_folder, rename_over
-from fvs_engine.sfm.verification.evidence import gather_evidence
+from fvs_engine.sfm.verification.evidence import ModelEvidence
 from fvs_engine.sfm.verification.gate import (
     MAX_UNSUPPORTED_SHARE,
     JudgedModel,
     can_be_left_out,
     priors_are_wrong,
 )
-from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 from fvs_engine.sfm.verification.positions import usable_priors
 from fvs_schema.stages import Stage
 
+_MAPPERS: Mapping[MapperName, tuple[type[MapImages], Stage]] = {
+    "incremental": (MapIncrementally, Stage.INCREMENTAL_MAPPING),
+    "global": (MapGlobally, Stage.GLOBAL_MAPPING),
+}
+
 _FEW_POINTS_SHARE = 0.1
 """An image that sees less than this share of the median number of points sees far fewer than others."""
-
-
-@dataclass(frozen=True, eq=False)
-class ModelEvidence:
-    """Evidence inputs for any model: verified pairs, keypoints, position priors.
-
-    ``focal_priors`` are the focal lengths in px that EXIF or the user gave, by camera id.
-    """
-
-    pairs: Sequence[VerifiedPair]
-    keypoints: Mapping[int, NDArray[np.float64]]
-    priors: PosePriors
-    focal_priors: Mapping[int, float] = field(default_factory=dict)
-
-    def of(self, model: pycolmap.Reconstruction, monitor: Monitor) -> Evidence | None:
-        """The evidence for ``model``; None when no verified pair lies within it."""
-        return gather_evidence(
-            model, self.pairs, self.keypoints, self.priors, self.focal_priors, monitor.check
-        )
-
-    def matches_explained(self, model: pycolmap.Reconstruction, names: Set[str]) -> int:
-        """Number of the verified matches between the images ``names`` that fit their poses in ``model``."""
-        ids = {image_id for image_id, image in model.images.items() if image.name in names}
-        pairs = [pair for pair in self.pairs if pair.first in ids and pair.second in ids]
-        checks = check_pairs(model, pairs, self.keypoints, relative_poses=False)
-        return sum(check.supported for check in checks)
 
 
 @dataclass(frozen=True, eq=False)
@@ -132,14 +110,10 @@ def calibrate_view_graph(stages: Stages) -> None:
     stages.monitor.report(Stage.CALIBRATION, 0, 1)
     with stages.timed("calibration"):
         calibrated = stages.native_over(
-            "calibrate",
             sorted(image_ids(folder.database)),
-            lambda some: {
-                "database": str(folder.database),
-                "target": str(partial),
-                "names": list(some),
-                "seed": stages.settings.seed,
-            },
+            lambda some: CalibrateViewGraph(
+                database=folder.database, target=partial, names=tuple(some), seed=stages.settings.seed
+            ),
         )
         if not calibrated:
             stages.warnings.append(
@@ -149,7 +123,7 @@ def calibrate_view_graph(stages: Stages) -> None:
     stages.monitor.report(Stage.CALIBRATION, 1, 1)
 
 
-def run_mapper(stages: Stages, mapper: MapperName, image_dir: Path, count: int) -> Path:
+def run_mapper(stages: Stages, mapper: MapperName, count: int) -> Path:
     """Run ``mapper`` unless its models exist; returns their folder.
 
     The global one starts from the focal lengths of the view graph, which is calibrated first.
@@ -159,24 +133,23 @@ def run_mapper(stages: Stages, mapper: MapperName, image_dir: Path, count: int) 
         return target
     if mapper == "global":
         calibrate_view_graph(stages)
-    stage = Stage.GLOBAL_MAPPING if mapper == "global" else Stage.INCREMENTAL_MAPPING
+    request, stage = _MAPPERS[mapper]
     partial = stages.folder.partial(target)
     database = _mapping_database(stages) if mapper == "global" else stages.folder.database
     stages.monitor.report(stage, 0, count if mapper == "incremental" else None)
     with stages.timed(stage):
         stages.native_over(
-            f"map_{mapper}",
             sorted(image_ids(database)),
-            lambda some: {
-                "database": str(database),
-                "image_dir": str(image_dir),
-                "out_dir": str(fresh_folder(partial)),
-                "names": list(some),
-                "refine": stages.settings.intrinsics is None,
-                "lens": stages.settings.camera_model is None,
-                "seed": stages.settings.seed,
-                "threads": stages.settings.threads,
-            },
+            lambda some: request(
+                database=database,
+                image_dir=stages.image_dir,
+                out_dir=fresh_folder(partial),
+                names=tuple(some),
+                refine=stages.settings.intrinsics is None,
+                lens=stages.settings.camera_model is None,
+                seed=stages.settings.seed,
+                threads=stages.settings.threads,
+            ),
             on_event=lambda registered: stages.monitor.report(stage, min(registered, count), count),
         )
     rename_over(partial, target)

@@ -16,23 +16,18 @@ from fvs_engine.errors import ContradictedModelsError, ContradictedPositionsErro
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.images.names import listed
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.batch.mapping import (
-    MappedModel,
-    ModelEvidence,
-    load_models,
-    read_model_evidence,
-    run_mapper,
-)
+from fvs_engine.sfm.batch.mapping import MappedModel, load_models, read_model_evidence, run_mapper
 from fvs_engine.sfm.colmap.database import image_ids, verified_pair_count
 from fvs_engine.sfm.colmap.model import from_pycolmap, read_colmap
 from fvs_engine.sfm.matching.features import extract_features
 from fvs_engine.sfm.matching.match import match_features
-from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.pose_priors import ImageSet, PosePriors
 from fvs_engine.sfm.quarantine import CulpritError, warning
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, ComponentReport, SfmReport
 from fvs_engine.sfm.settings import MapperName, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
+from fvs_engine.sfm.verification.evidence import ModelEvidence
 from fvs_engine.sfm.verification.gate import Decision, contradictions_of_priors, decide
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
@@ -50,21 +45,13 @@ class SfmResult:
     model_dir: Path
 
 
-def reconstruct(
-    image_dir: Path,
-    image_names: Sequence[str],
-    out_dir: Path,
-    settings: SfmSettings,
-    monitor: Monitor,
-    priors: PosePriors | None = None,
-) -> SfmResult:
-    """Estimate the poses of ``image_names`` (posix paths in ``image_dir``, in capture order), and points.
+def reconstruct(images: ImageSet, out_dir: Path, settings: SfmSettings, monitor: Monitor) -> SfmResult:
+    """Estimate the poses of ``images``, and points.
 
     What ``out_dir`` holds of the same images and settings is reused; a call after ``Cancelled`` resumes
     where the first one stopped, and a call after success returns at once. Progress is reported as the stages
     ``features``, ``pairs``, ``matching``, ``incremental mapping``, ``calibration``, ``global mapping``,
-    ``evidence``. ``priors``: pose priors, by default the GPS positions in the images' EXIF; they
-    move no camera, but a model that contradicts them is rejected.
+    ``evidence``. Pose priors move no camera, but a model that contradicts them is rejected.
 
     Images that crash pycolmap are quarantined: the report names them, and no later call uses them.
 
@@ -73,24 +60,23 @@ def reconstruct(
     """
     folder = SfmFolder(out_dir)
     while True:
-        usable = [name for name in image_names if name not in folder.quarantine.reasons]
+        usable = [name for name in images.names if name not in folder.quarantine.reasons]
         try:
-            return _reconstruct(Stages(folder, settings, monitor), image_dir, usable, priors)
+            stages = Stages(folder, images.folder, settings, monitor)
+            return _reconstruct(stages, usable, images.priors)
         except CulpritError as culprit:
             folder.quarantine.add(culprit)
 
 
-def _reconstruct(
-    stages: Stages, image_dir: Path, image_names: Sequence[str], priors: PosePriors | None
-) -> SfmResult:
+def _reconstruct(stages: Stages, image_names: Sequence[str], priors: PosePriors | None) -> SfmResult:
     folder = stages.folder
-    names = stages.open(image_dir, image_names, _MIN_IMAGES)
+    names = stages.open(image_names, _MIN_IMAGES)
     if (finished := finished_result(folder)) is not None and finished.report.mapper != GIVEN:
         return finished
-    extract_features(stages, image_dir, names)
+    extract_features(stages, names)
     match_features(stages, names, priors)
     evidence = read_model_evidence(stages, priors)
-    mapped = map_images(stages, image_dir, len(names), evidence)
+    mapped = map_images(stages, len(names), evidence)
     decision = decide([each.judged for each in mapped], stages.settings.gate)
     return _conclude(stages, names, mapped, decision)
 
@@ -106,13 +92,13 @@ def finished_result(folder: SfmFolder) -> SfmResult | None:
     return SfmResult(read_colmap(folder.sparse), report, folder.sparse)
 
 
-def map_images(stages: Stages, image_dir: Path, count: int, evidence: ModelEvidence) -> list[MappedModel]:
+def map_images(stages: Stages, count: int, evidence: ModelEvidence) -> list[MappedModel]:
     """The models of one mapper, and those of the other where the gate leaves doubt about the first."""
     small = count <= stages.settings.incremental_first_up_to
     order: tuple[MapperName, ...] = ("incremental", "global") if small else ("global", "incremental")
     mapped: list[MappedModel] = []
     for mapper in order:
-        models = load_models(run_mapper(stages, mapper, image_dir, count))
+        models = load_models(run_mapper(stages, mapper, count))
         if models:
             mapped.append(MappedModel.of_models(mapper, models, evidence, stages.monitor))
         if mapped and _certain(mapped[-1], count, stages.settings):
@@ -155,7 +141,7 @@ def _conclude(
 
     chosen = mapped[decision.chosen]
     reconstruction = from_pycolmap(chosen.model)
-    report = _report(stages, names, chosen, candidates[decision.chosen], candidates, decision)
+    report = _report(stages, names, chosen, candidates, decision)
     stages.write_model(chosen.model)
     write_text_atomically(folder.report, report.model_dump_json(indent=2))
     return SfmResult(reconstruction, report, folder.sparse)
@@ -165,10 +151,10 @@ def _report(
     stages: Stages,
     names: Sequence[str],
     chosen: MappedModel,
-    kept: CandidateReport,
     candidates: tuple[CandidateReport, ...],
     decision: Decision,
 ) -> SfmReport:
+    kept = next(each for each in candidates if each.mapper == chosen.judged.mapper)
     components = tuple(
         ComponentReport(mapper=kept.mapper, images=images) for images in chosen.other_components
     )

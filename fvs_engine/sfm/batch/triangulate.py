@@ -1,9 +1,8 @@
 """Sparse points for given views, triangulated from the matches of their images."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pycolmap
@@ -17,6 +16,7 @@ from fvs_engine.sfm.batch.reconstruct import SfmResult, finished_result
 from fvs_engine.sfm.colmap.database import image_ids, verified_pair_count
 from fvs_engine.sfm.colmap.imports import fit_camera
 from fvs_engine.sfm.colmap.model import from_pycolmap, open_colmap, to_pycolmap
+from fvs_engine.sfm.jobs import TriangulatePoints
 from fvs_engine.sfm.matching.features import extract_features
 from fvs_engine.sfm.matching.match import match_features
 from fvs_engine.sfm.quarantine import CulpritError, warning
@@ -66,14 +66,14 @@ def _triangulate(
             hint="Give the folder of photographs that these cameras were computed from.",
         )
     names = [view.name for view in views]
-    stages = Stages(SfmFolder(out_dir), settings, monitor)
-    stages.open(image_dir, names, _MIN_VIEWS)
+    stages = Stages(SfmFolder(out_dir), image_dir, settings, monitor)
+    stages.open(names, _MIN_VIEWS)
     finished = finished_result(stages.folder)
     if finished is not None and finished.report.mapper == GIVEN and _same(finished.reconstruction, views):
         return finished
-    extract_features(stages, image_dir, names)
+    extract_features(stages, names)
     match_features(stages, names)
-    model = _with_points(stages, views, image_dir)
+    model = _with_points(stages, views)
     reconstruction = from_pycolmap(model)
     report = _report(stages, model, reconstruction, names, missing)
     stages.write_model(model)
@@ -100,7 +100,7 @@ def _views_with_images(views: Sequence[AnyView], image_dir: Path) -> tuple[list[
     return sorted(found, key=lambda view: view.name), matches.missing
 
 
-def _with_points(stages: Stages, views: Sequence[AnyView], image_dir: Path) -> pycolmap.Reconstruction:
+def _with_points(stages: Stages, views: Sequence[AnyView]) -> pycolmap.Reconstruction:
     folder = stages.folder
     posed = folder.root / "given"
     ids = image_ids(folder.database)
@@ -108,19 +108,19 @@ def _with_points(stages: Stages, views: Sequence[AnyView], image_dir: Path) -> p
     target = folder.mapping(GIVEN)
     partial = folder.partial(target)
 
-    def arguments(some: Sequence[str]) -> Mapping[str, Any]:
+    def request(some: Sequence[str]) -> TriangulatePoints:
         to_pycolmap([known[name] for name in some], image_ids=ids).write_binary(fresh_folder(posed))
-        return {
-            "database": str(folder.database),
-            "image_dir": str(image_dir),
-            "model_dir": str(posed),
-            "out_dir": str(fresh_folder(partial)),
-            "threads": stages.settings.threads,
-        }
+        return TriangulatePoints(
+            database=folder.database,
+            image_dir=stages.image_dir,
+            model_dir=posed,
+            out_dir=fresh_folder(partial),
+            threads=stages.settings.threads,
+        )
 
     stages.monitor.report(Stage.TRIANGULATION, 0, 1)
     with stages.timed("triangulation"):
-        points = stages.native_over("triangulate", list(known), arguments)
+        points = stages.native_over(list(known), request)
     rename_over(partial, target)
     stages.monitor.report(Stage.TRIANGULATION, 1, 1)
     if points == 0:

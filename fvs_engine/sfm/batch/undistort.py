@@ -7,6 +7,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import registered_names
 from fvs_engine.sfm.colmap.model import has_colmap_model, open_colmap, read_colmap
 from fvs_engine.sfm.culprit import run_or_accuse
+from fvs_engine.sfm.jobs import UndistortImages
 from fvs_engine.sfm.native_process import run_native
 from fvs_engine.sfm.quarantine import CulpritError
 from fvs_engine.sfm.reconstruction import Reconstruction
@@ -39,14 +40,14 @@ def undistort(reconstruction_dir: Path, image_dir: Path, out_dir: Path, monitor:
     log = out_dir.with_name(f"{out_dir.name}.log")
 
     def run(some: Sequence[str]) -> None:
-        arguments = {
-            "model_dir": str(reconstruction_dir),
-            "image_dir": str(image_dir),
-            "out_dir": str(fresh_folder(partial)),
-            "names": list(some),
-            "quality": _JPEG_QUALITY,
-        }
-        run_native("undistort", arguments, log, monitor, on_tick=report)
+        request = UndistortImages(
+            model_dir=reconstruction_dir,
+            image_dir=image_dir,
+            out_dir=fresh_folder(partial),
+            names=tuple(some),
+            jpeg_quality=_JPEG_QUALITY,
+        )
+        run_native(request, log, monitor, on_tick=report)
 
     accused = run_or_accuse(run, names)
     if accused is not None:

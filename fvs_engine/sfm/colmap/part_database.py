@@ -3,6 +3,7 @@
 import contextlib
 import sqlite3
 from collections.abc import Collection, Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -20,41 +21,43 @@ def matches_around(database: Path) -> Path:
     return database.with_name("around.db")
 
 
-def write_part(
-    path: Path,
-    whole: Path,
-    images: Collection[int],
-    pairs: Collection[Pair],
-    *,
-    of_images: Sequence[ImageTable],
-    of_pairs: Sequence[PairTable],
-    named_by_id: bool = False,
-) -> None:
-    """Write the images with these ids and the pairs of ids, as far as ``whole`` has them, to a new database.
+@dataclass(frozen=True)
+class Part:
+    """A part of a database: the images with these ids and the pairs of ids, as far as it has them.
 
     ``of_images`` and ``of_pairs`` are the tables that are copied, beside images and cameras. ``named_by_id``:
     names become the ids, which have no white space.
     """
+
+    images: Collection[int]
+    pairs: Collection[Pair]
+    of_images: Sequence[ImageTable] = ()
+    of_pairs: Sequence[PairTable] = ()
+    named_by_id: bool = False
+
+
+def write_part(path: Path, whole: Path, part: Part) -> None:
+    """Write a part of the database ``whole`` to a new one."""
     delete_database(path)  # of a run that was killed
     pycolmap.Database.open(path).close()  # makes the tables
     with attached(path, whole, durable=False) as db:
         db.execute("CREATE TEMP TABLE wanted (image_id INTEGER PRIMARY KEY)")
-        db.executemany("INSERT INTO wanted VALUES (?)", [(image_id,) for image_id in images])
+        db.executemany("INSERT INTO wanted VALUES (?)", [(image_id,) for image_id in part.images])
         for table in ("cameras", "rigs", "rig_sensors"):
             db.execute(f"INSERT INTO {table} SELECT * FROM other.{table}")
         frames = f"data_id IN wanted AND sensor_type = {int(pycolmap.SensorType.CAMERA)}"
         db.execute(f"INSERT INTO frame_data SELECT * FROM other.frame_data WHERE {frames}")
         some = "frame_id IN (SELECT frame_id FROM frame_data)"
         db.execute(f"INSERT INTO frames SELECT * FROM other.frames WHERE {some}")
-        name = "CAST(image_id AS TEXT)" if named_by_id else "name"
+        name = "CAST(image_id AS TEXT)" if part.named_by_id else "name"
         named = f"image_id, {name}, camera_id"
         db.execute(f"INSERT INTO images SELECT {named} FROM other.images WHERE image_id IN wanted")
-        for image_table in of_images:
+        for image_table in part.of_images:
             db.execute(
                 f"INSERT INTO {image_table} SELECT * FROM other.{image_table} WHERE image_id IN wanted"
             )
-        numbers = [(pair_number(*pair),) for pair in pairs]
-        for pair_table in of_pairs:
+        numbers = [(pair_number(*pair),) for pair in part.pairs]
+        for pair_table in part.of_pairs:
             db.executemany(
                 f"INSERT INTO {pair_table} SELECT * FROM other.{pair_table} WHERE pair_id = ?", numbers
             )

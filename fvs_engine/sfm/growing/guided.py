@@ -3,13 +3,12 @@
 import dataclasses
 import shutil
 from collections.abc import Sequence
-from pathlib import Path
 
 from fvs_engine.sfm.colmap.database import image_cameras, verified_matches
 from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.overlap import predicted_neighbours
-from fvs_engine.sfm.growing.registration import register
+from fvs_engine.sfm.growing.registration import Unregistered, register
 from fvs_engine.sfm.growing.registration_inputs import RegistrationInputs, matches_of
 from fvs_engine.sfm.growing.state import GrowthFolder
 from fvs_engine.sfm.pose_priors import PosePriors
@@ -19,25 +18,19 @@ _ROUNDS = 3
 
 
 def guide(
-    stages: Stages,
-    image_dir: Path,
-    change: ModelChange,
-    usable: Sequence[str],
-    priors: PosePriors,
-    model_dir: Path,
-    folder: GrowthFolder,
+    stages: Stages, folder: GrowthFolder, change: ModelChange, usable: Sequence[str], priors: PosePriors
 ) -> ModelChange:
     """Register ``usable`` images with priors that ``change`` left without a pose, by guided matches.
 
-    The model before is that in ``model_dir``, or ``folder.next_model`` if it was changed; a new one is
-    written to the latter. Of the images whose inputs have changed the one added last is matched first, then
+    The model before is the committed one, or ``folder.next_model`` if it was changed; a new one is written to
+    the latter. Of the images whose inputs have changed the one added last is matched first, then
     those that were not tried for longest; newly registered images help to register others.
     """
     database, with_features = stages.folder.database, set(usable)
     for _ in range(_ROUNDS):
         with_prior = (name for name in change.state.unregistered if name in priors.by_name)
         left = [name for name in with_prior if name in with_features]
-        model_dir = folder.next_model if change.changed else model_dir
+        model_dir = folder.next_model if change.changed else folder.model(change.state.generation)
         neighbours = predicted_neighbours(left[::-1], priors, read_colmap(model_dir)) if left else {}
         matches = matches_of(list(neighbours), verified_matches(database, 1)) if neighbours else {}
         around = {
@@ -48,9 +41,8 @@ def guide(
         due = [name for name in neighbours if inputs.changed(name, change.state.tried_guided)]
         if not due:
             break
-        guided = register(
-            stages, image_dir, change.state, due, priors, model_dir, folder.guided_model, neighbours
-        )
+        images = Unregistered(due, priors, guided=neighbours)
+        guided = register(stages, change.state, images, model_dir, folder.guided_model)
         unregistered = set(guided.state.unregistered)
         tried = {name: inputs.of(name) for name in guided.tried if name in unregistered}
         others = guided.state.tried_guided.items()

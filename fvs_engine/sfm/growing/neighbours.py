@@ -2,6 +2,7 @@
 
 from bisect import bisect_left
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -11,6 +12,7 @@ from fvs_engine.files.atomic import replacing
 from fvs_engine.sfm.colmap.database import verified_matches
 from fvs_engine.sfm.matching.match import match_pairs
 from fvs_engine.sfm.matching.retrieval import compute_vocabulary, describe
+from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import GrowthSettings
 from fvs_engine.sfm.stages import Stages
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
@@ -64,16 +66,23 @@ class ImageRetrieval:
         return self._vectors[name]
 
 
+@dataclass(frozen=True, eq=False)
+class Surroundings:
+    """The images among which neighbours are chosen: ``earlier``, in the order of adding, and their model."""
+
+    earlier: Sequence[str]
+    model: Reconstruction
+    retrieval: ImageRetrieval
+
+
 def match_with_neighbours(
     stages: Stages,
     images: Sequence[str],
-    earlier: Sequence[str],
-    centres: Mapping[str, NDArray[np.float64]],
-    retrieval: ImageRetrieval,
+    around: Surroundings,
     fetch: Callable[[Sequence[str]], None] | None = None,
     predicted: Mapping[str, Sequence[str]] | None = None,
 ) -> dict[str, list[str]]:
-    """Match each of ``images`` with its neighbours among ``earlier`` (in the order of adding).
+    """Match each of ``images`` with its neighbours among those ``around``.
 
     Images in ``predicted`` are matched first with their predicted neighbours (by overlap, the most likely
     first) and some similar images. Others, and those that match none of these, are matched with the
@@ -81,7 +90,8 @@ def match_with_neighbours(
     matches. ``fetch`` is called with the images whose features are needed next. Returns each image's
     neighbours.
     """
-    growth = stages.settings.growth
+    growth, earlier, retrieval = stages.settings.growth, around.earlier, around.retrieval
+    centres = around.model.centres()
     expected = {name: predicted[name] for name in images if name in predicted} if predicted else {}
     chosen: dict[str, list[str]] = {name: [] for name in images}
     for name, likely in expected.items():

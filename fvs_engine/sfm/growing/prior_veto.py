@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from fvs_engine.sfm.answers import PairVeto
 from fvs_engine.sfm.colmap.database import restore_pairs
+from fvs_engine.sfm.jobs import VetoPairs
 from fvs_engine.sfm.matching.match import match_pairs
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import Stages
@@ -45,14 +45,11 @@ def veto(stages: Stages, model_dir: Path, names: Sequence[str], priors: PosePrio
     if not priors.by_name:
         match_pairs(stages, restore_pairs(stages.folder.database))
         return Veto(priors, informative=False)
-    arguments = {
-        "database": str(stages.folder.database),
-        "model_dir": str(model_dir),
-        "names": list(names),
-        "priors": priors.model_dump(mode="json"),
-    }
+    request = VetoPairs(
+        database=stages.folder.database, model_dir=model_dir, names=tuple(names), priors=priors
+    )
     with stages.timed("veto"):
-        answer = PairVeto.model_validate(stages.native("veto", arguments))  # numbers: no image can crash it
+        answer = stages.native(request)  # numbers: no image can crash it
     if not answer.believed:
         match_pairs(stages, restore_pairs(stages.folder.database))
         support = answer.contradicted_support

@@ -3,6 +3,7 @@
 import contextlib
 import shutil
 from collections.abc import Collection, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -22,18 +23,18 @@ from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
 from fvs_engine.sfm.growing.contradicted_poses import doubts_by_priors
 from fvs_engine.sfm.growing.image_files import require_readable, require_unchanged
 from fvs_engine.sfm.growing.localise import localise
-from fvs_engine.sfm.growing.neighbours import ImageRetrieval
+from fvs_engine.sfm.growing.neighbours import ImageRetrieval, Surroundings
 from fvs_engine.sfm.growing.reasons import why_unregistered
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
 from fvs_engine.sfm.growing.step import step
 from fvs_engine.sfm.growing.two_view_points import find_two_view_points
 from fvs_engine.sfm.growing.update import PoseUpdate, TwoViewPoints
 from fvs_engine.sfm.matching.features import add_features
-from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.pose_priors import ImageSet, PosePriors
 from fvs_engine.sfm.quarantine import CulpritError, warning
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
-from fvs_engine.sfm.stages import Stages, fresh_folder
+from fvs_engine.sfm.stages import SfmFolder, Stages, fresh_folder
 from fvs_engine.sfm.verification.gate import PRIORS_IGNORED
 from fvs_engine.sfm.warnings import without_doubts, without_registered
 from fvs_engine.views import AnyView
@@ -198,15 +199,9 @@ class GrowingReconstruction:
         current = self.reconstruction
         if PRIORS_IGNORED not in self._state.priors_ignored:
             warnings += doubts_by_priors(priors, self._folder.sfm.database, current.centres())
-        return PoseUpdate.between(
-            before,
-            current.views,
-            current.points,
-            tuple(self._state.images),
-            self.generation,
-            warnings,
-            seconds,
-        )
+        added = tuple(self._state.images)
+        update = PoseUpdate.between(before, current.views, current.points, added, self.generation)
+        return replace(update, warnings=warnings, seconds=seconds)
 
     def two_view_points(self, monitor: Monitor) -> TwoViewPoints | None:
         """The points that only two registered images show; None where they cannot be computed.
@@ -215,7 +210,7 @@ class GrowingReconstruction:
         """
         if self.model_dir is None:
             return None
-        return find_two_view_points(Stages(self._folder.sfm, self._settings, monitor), self.model_dir)
+        return find_two_view_points(self._stages(self._folder.sfm, monitor), self.model_dir)
 
     def acknowledge(self) -> None:
         """Forget the warnings so far: the caller has what ``add`` returned on disk."""
@@ -251,19 +246,10 @@ class GrowingReconstruction:
         quarantine = self._folder.localise.quarantine
         others = [name for name in dict.fromkeys(names) if name not in registered]
         while guests := [name for name in others if name not in quarantine.reasons]:
-            stages = Stages(self._folder.localise, self._settings, monitor)
+            stages = self._stages(self._folder.localise, monitor)
+            around = Surroundings(self.registered, self.reconstruction, self._open_retrieval())
             try:
-                return found | localise(
-                    stages,
-                    self._image_dir,
-                    guests,
-                    self.reconstruction,
-                    self.registered,
-                    self._folder.model(self.generation),
-                    self._folder.sfm.database,
-                    self._open_retrieval(),
-                    priors or PosePriors(),
-                )
+                return found | localise(stages, self._folder, guests, around, priors or PosePriors())
             except CulpritError as culprit:
                 if culprit.name not in guests:
                     raise
@@ -272,9 +258,8 @@ class GrowingReconstruction:
 
     def _bootstrap(self, monitor: Monitor, priors: PosePriors | None) -> Mapping[str, float]:
         """Make the first model; the seconds of its stages."""
-        names = list(self._state.images)
-        folder = self._folder.sfm.root
-        result = reconstruct(self._image_dir, names, folder, self._settings, monitor, priors)
+        images = ImageSet(self._image_dir, list(self._state.images), priors)
+        result = reconstruct(images, self._folder.sfm.root, self._settings, monitor)
         self._state = self._state.without(self.quarantined.keys())
         shutil.copytree(result.model_dir, fresh_folder(self._folder.next_model), dirs_exist_ok=True)
         posed = {view.name for view in result.reconstruction.views}
@@ -297,18 +282,10 @@ class GrowingReconstruction:
 
     def _grow(self, monitor: Monitor, priors: PosePriors | None) -> Mapping[str, float]:
         """Register new images in the current model; the seconds of the stages."""
-        stages = Stages(self._folder.sfm, self._settings, monitor)
+        stages = self._stages(self._folder.sfm, monitor)
         usable = self._extract_features(stages)
-        done = step(
-            stages,
-            self._image_dir,
-            self._folder,
-            self._state,
-            self.reconstruction,
-            usable,
-            self._open_retrieval(),
-            priors,
-        )
+        around = Surroundings(usable, self.reconstruction, self._open_retrieval())
+        done = step(stages, self._folder, self._state, around, priors)
         if done.from_all:
             self._folder.words.unlink(missing_ok=True)  # a vocabulary of all images is a better one
             self._retrieval = None
@@ -372,12 +349,15 @@ class GrowingReconstruction:
         database = stages.folder.database
         self._require_sound_database()
         names = list(self._state.images)
-        add_features(stages, self._image_dir, names)
+        add_features(stages, names)
         features = feature_counts(database)
         blank = [name for name in self._state.pending if features.get(name, 0) == 0]
         if blank:
             stages.warnings.append(f"No features could be found in {', '.join(blank)}.")
         return [name for name in names if features.get(name, 0) > 0]
+
+    def _stages(self, folder: SfmFolder, monitor: Monitor) -> Stages:
+        return Stages(folder, self._image_dir, self._settings, monitor)
 
     def _open_retrieval(self) -> ImageRetrieval:
         if self._retrieval is None:

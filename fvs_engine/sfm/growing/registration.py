@@ -1,12 +1,12 @@
 """Registration of images in the current model of a growing reconstruction."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
-from fvs_engine.sfm.answers import GuidedRegistration
 from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.state import GrowthState
+from fvs_engine.sfm.jobs import RegisterGuided, RegisterImages
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import Stages, fresh_folder
 from fvs_engine.sfm.verification.gate import few_matches, two_places, unknown_distance
@@ -14,61 +14,73 @@ from fvs_engine.sfm.warnings import doubtful, not_registered
 from fvs_schema.stages import Stage
 
 
-def register(
-    stages: Stages,
-    image_dir: Path,
-    state: GrowthState,
-    names: Sequence[str],
-    priors: PosePriors,
-    model_dir: Path,
-    out_dir: Path,
-    guided: Mapping[str, Sequence[str]] | None = None,
-    *,
-    informative: bool = True,
-) -> ModelChange:
-    """Register those of ``names`` whose matches support a pose in ``model_dir``; writes ``out_dir``.
+@dataclass(frozen=True)
+class Unregistered:
+    """Images to register, with the pose priors of all images.
 
-    A pose that ``priors`` contradict is rejected, too; only where they are ``informative`` do they confirm
-    one. ``guided``: images to match first, guided by their priors → the registered images they should
-    overlap.
+    Only where the priors are ``informative`` do they confirm a pose. ``guided``: the same images, which are
+    matched first, guided by their priors → the registered images that they should overlap; None for images
+    with ordinary matches alone.
     """
+
+    names: Sequence[str]
+    priors: PosePriors
+    informative: bool = True
+    guided: Mapping[str, Sequence[str]] | None = None
+
+
+def register(
+    stages: Stages, state: GrowthState, images: Unregistered, model_dir: Path, out_dir: Path
+) -> ModelChange:
+    """Register those of the ``images`` whose matches support a pose in ``model_dir``; writes ``out_dir``.
+
+    A pose that priors contradict is rejected, too.
+    """
+    names, priors = images.names, images.priors
     if not names:
         return ModelChange(state)
     settings = stages.settings
-    without = [name for name in names if not informative or name not in priors.by_name]
+    without = [name for name in names if not images.informative or name not in priors.by_name]
     stages.monitor.report(Stage.REGISTRATION, 0, len(names))
-    with stages.timed("registration"):
-        answer = stages.native_over(
-            "register" if guided is None else "register_guided",
-            names,
-            lambda some: {
-                **_guided(guided, some, state),
-                "database": str(stages.folder.database),
-                "image_dir": str(image_dir),
-                "model_dir": str(model_dir),
-                "out_dir": str(fresh_folder(out_dir)),
-                "names": list(some),
-                "refine": settings.intrinsics is None,
-                "lens": settings.camera_model is None,
-                "priors": priors.model_dump(mode="json"),
-                "min_image_support": settings.growth.min_image_support,
-                "adjust_every": settings.growth.adjust_every,
-                "adjusted_images": state.adjusted_images,
-                "adjusted_points": state.adjusted_points,
-                "seed": settings.seed,
-                "threads": settings.threads,
-            },
-            on_event=lambda done: stages.monitor.report(
-                Stage.REGISTRATION, min(done, len(names)), len(names)
-            ),
+
+    def ordinary(some: Sequence[str]) -> RegisterImages:
+        return RegisterImages(
+            database=stages.folder.database,
+            image_dir=stages.image_dir,
+            model_dir=model_dir,
+            out_dir=fresh_folder(out_dir),
+            names=tuple(some),
+            refine=settings.intrinsics is None,
+            lens=settings.camera_model is None,
+            priors=priors,
+            min_image_support=settings.growth.min_image_support,
+            adjust_every=settings.growth.adjust_every,
+            adjusted_images=state.adjusted_images,
+            adjusted_points=state.adjusted_points,
+            seed=settings.seed,
+            threads=settings.threads,
         )
+
+    def on_event(done: int) -> None:
+        stages.monitor.report(Stage.REGISTRATION, min(done, len(names)), len(names))
+
+    tried, done = tuple(names), None
+    with stages.timed("registration"):
+        if images.guided is None:
+            done = stages.native_over(names, ordinary, on_event=on_event)
+        else:
+            guided, before = images.guided, tuple(state.tried_guided)
+            answer = stages.native_over(
+                names,
+                lambda some: RegisterGuided(
+                    registration=ordinary(some),
+                    neighbours={name: tuple(guided[name]) for name in some if name in guided},
+                    tried=before,
+                ),
+                on_event=on_event,
+            )
+            tried, done = answer.looked_at, answer.registration
     stages.monitor.report(Stage.REGISTRATION, len(names), len(names))
-    answered = (
-        GuidedRegistration(looked_at=names, registration=answer)
-        if guided is None
-        else GuidedRegistration.model_validate(answer)
-    )
-    tried, done = answered.looked_at, answered.registration
     if done is None:  # nothing could be guided
         return ModelChange(state, tried=tried)
     posed = set(done.posed)
@@ -83,7 +95,7 @@ def register(
         warnings.append(doubtful(few_matches(loose)))
     if unscaled := [name for name in done.unscaled if name in without]:
         warnings.append(doubtful(unknown_distance(unscaled)))
-    confirmed = priors.by_name if informative else ()
+    confirmed = priors.by_name if images.informative else ()
     if conflicting := [pair for pair in done.conflicting if not all(name in confirmed for name in pair)]:
         warnings.append(doubtful(two_places(conflicting)))
     support = done.match_support
@@ -98,13 +110,3 @@ def register(
         warnings=tuple(warnings),
         tried=tried,
     )
-
-
-def _guided(
-    guided: Mapping[str, Sequence[str]] | None, names: Sequence[str], state: GrowthState
-) -> dict[str, Any]:
-    """What the native job of guided matches needs besides."""
-    if guided is None:
-        return {}
-    neighbours = {name: list(guided[name]) for name in names if name in guided}
-    return {"neighbours": neighbours, "tried": list(state.tried_guided)}

@@ -7,7 +7,7 @@ import pycolmap
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.alignment.cameras import align_poses
-from fvs_engine.sfm.batch.mapping import MappedModel, ModelEvidence, read_model_evidence, registered_names
+from fvs_engine.sfm.batch.mapping import MappedModel, read_model_evidence, registered_names
 from fvs_engine.sfm.batch.reconstruct import map_images, model_warnings
 from fvs_engine.sfm.colmap.model import camera_poses, move, open_colmap
 from fvs_engine.sfm.growing.model_change import ModelChange
@@ -15,6 +15,7 @@ from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
+from fvs_engine.sfm.verification.evidence import ModelEvidence
 from fvs_engine.sfm.verification.gate import JudgedModel, Judgement, agree, decide
 from fvs_engine.sfm.warnings import doubtful
 
@@ -45,18 +46,13 @@ def reason_to_remap(
 
 
 def remap(
-    stages: Stages,
-    image_dir: Path,
-    state: GrowthState,
-    priors: PosePriors,
-    model_dir: Path,
-    out_dir: Path,
+    stages: Stages, state: GrowthState, priors: PosePriors, model_dir: Path, out_dir: Path
 ) -> ModelChange:
     """Run the mappers again on all images; the gate chooses between their models and that in ``model_dir``.
 
     A new model that is chosen is aligned with the current one and written to ``out_dir``.
     """
-    names, evidence, mapped = _map_all(stages, image_dir, state, priors)
+    evidence, mapped = _map_all(stages, state, priors)
     current = open_colmap(model_dir)
     models = [_as_mapped(stages, current, evidence), *mapped]
     decision = decide([each.judged for each in models], stages.settings.gate)
@@ -70,16 +66,11 @@ def remap(
         doubt = decision.judgements[0].verdict != "accepted"
         warnings = (f"The re-map found no better model. {doubtful(reasons)}",) if doubt else ()
         return ModelChange(state, match_support=_match_support(models[0]), warnings=warnings)
-    return _replace(state, current, models[chosen], names, decision.warnings, out_dir)
+    return _replace(state, current, models[chosen], decision.warnings, out_dir)
 
 
 def start_again(
-    stages: Stages,
-    image_dir: Path,
-    state: GrowthState,
-    priors: PosePriors,
-    model_dir: Path,
-    out_dir: Path,
+    stages: Stages, state: GrowthState, priors: PosePriors, model_dir: Path, out_dir: Path
 ) -> ModelChange:
     """Map all images together, as if there were no model, and align the result with that in ``model_dir``.
 
@@ -87,7 +78,7 @@ def start_again(
     them. The current model stays when the gate rejects them, or when they explain fewer matches; an accepted
     one also stays when the new one is doubtful and no better.
     """
-    names, evidence, models = _map_all(stages, image_dir, state, priors)
+    evidence, models = _map_all(stages, state, priors)
     gate = stages.settings.gate
     decision = decide([each.judged for each in models], gate)
     current = open_colmap(model_dir)
@@ -102,7 +93,7 @@ def start_again(
         (judgement,) = decide([before.judged], gate).judgements
         if judgement.verdict == "accepted" and not _is_better(chosen, before, evidence, gate):
             return ModelChange(state, warnings=(_kept("is doubtful and no better", (doubtful,)),))
-    return _replace(_mapped(state, chosen), current, chosen, names, decision.warnings, out_dir)
+    return _replace(_mapped(state, chosen), current, chosen, decision.warnings, out_dir)
 
 
 def _kept(why: str, judgements: Sequence[Judgement]) -> str:
@@ -112,14 +103,12 @@ def _kept(why: str, judgements: Sequence[Judgement]) -> str:
 
 
 def _map_all(
-    stages: Stages, image_dir: Path, state: GrowthState, priors: PosePriors
-) -> tuple[list[str], ModelEvidence, list[MappedModel]]:
-    """The images' names, the evidence on them, and the mappers' models."""
-    names = stages.open(
-        image_dir, list(state.images), 2, growing=True
-    )  # deletes the mappers' models of fewer images
+    stages: Stages, state: GrowthState, priors: PosePriors
+) -> tuple[ModelEvidence, list[MappedModel]]:
+    """The evidence on all images, and the mappers' models."""
+    stages.open(list(state.images), 2, growing=True)  # deletes the mappers' models of fewer images
     evidence = read_model_evidence(stages, priors)
-    return names, evidence, map_images(stages, image_dir, len(names), evidence)
+    return evidence, map_images(stages, len(state.images), evidence)
 
 
 def _mapped(state: GrowthState, kept: MappedModel) -> GrowthState:
@@ -133,7 +122,6 @@ def _replace(
     state: GrowthState,
     current: pycolmap.Reconstruction,
     chosen: MappedModel,
-    names: Sequence[str],
     warnings: Sequence[str],
     out_dir: Path,
 ) -> ModelChange:
@@ -146,7 +134,7 @@ def _replace(
         return ModelChange(state, match_support=support, warnings=(warning,))
     move(model, alignment)
     model.write_binary(fresh_folder(out_dir))
-    posed = set(registered_names(model))
+    names, posed = list(state.images), set(registered_names(model))
     return ModelChange(
         state.with_poses([name for name in names if name in posed], len(posed), model.num_points3D()),
         changed=True,

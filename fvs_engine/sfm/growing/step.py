@@ -9,16 +9,15 @@ from fvs_engine.sfm.colmap.database import image_cameras, verified_matches
 from fvs_engine.sfm.colmap.guided_pairs import take_back_guided_pairs
 from fvs_engine.sfm.growing.guided import guide
 from fvs_engine.sfm.growing.model_change import ModelChange
-from fvs_engine.sfm.growing.neighbours import ImageRetrieval, match_with_neighbours
+from fvs_engine.sfm.growing.neighbours import Surroundings, match_with_neighbours
 from fvs_engine.sfm.growing.overlap import predicted_neighbours
 from fvs_engine.sfm.growing.prior_veto import Veto, veto
-from fvs_engine.sfm.growing.registration import register
+from fvs_engine.sfm.growing.registration import Unregistered, register
 from fvs_engine.sfm.growing.registration_inputs import RegistrationInputs, matches_of
 from fvs_engine.sfm.growing.remap import reason_to_remap, remap, start_again
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
 from fvs_engine.sfm.matching.match import match_features
 from fvs_engine.sfm.pose_priors import PosePriors
-from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import GrowthSettings
 from fvs_engine.sfm.stages import Stages
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
@@ -45,36 +44,29 @@ class Step:
 
 
 def step(
-    stages: Stages,
-    image_dir: Path,
-    folder: GrowthFolder,
-    state: GrowthState,
-    current: Reconstruction,
-    usable: Sequence[str],
-    retrieval: ImageRetrieval,
-    given: PosePriors | None,
+    stages: Stages, folder: GrowthFolder, state: GrowthState, around: Surroundings, given: PosePriors | None
 ) -> Step:
-    """Register those of the ``usable`` images (with features) that have no pose in the ``current`` model.
+    """Register those of the images ``around``, all with features, that have no pose in the current model.
 
     ``given``: pose priors, see ``GrowingReconstruction.add``.
     """
     database, model_dir, following = stages.folder.database, folder.model(state.generation), folder.next_model
-    with_features = set(usable)
+    usable, with_features = around.earlier, set(around.earlier)
     unregistered = [name for name in state.unregistered if name in with_features]
     take_back_guided_pairs(database, state.registered)
     priors, frozen = usable_priors(given, database)
     if len(state.pending) >= max(_MANY_NEW, _MANY_NEW_SHARE * len(state.registered)):
         match_features(stages, usable, given)
         decided = veto(stages, model_dir, unregistered, priors)
-        change = start_again(stages, image_dir, state, decided.priors, model_dir, following)
+        change = start_again(stages, state, decided.priors, model_dir, following)
         if change.changed:
             return _from_all(stages, state, change, (*frozen, *decided.ignored))
         stages.warnings.extend(change.warnings)
-    matched = _match(stages, unregistered, usable, current, retrieval, priors)
+    matched = _match(stages, unregistered, around, priors)
     decided = veto(stages, model_dir, matched, priors)
-    change = _register_due(stages, image_dir, state, matched, decided, model_dir, following)
-    change = guide(stages, image_dir, change, usable, decided.priors, model_dir, folder)
-    change = _remap_if_due(stages, image_dir, change, decided.priors, model_dir, following)
+    change = _register_due(stages, folder, state, matched, decided)
+    change = guide(stages, folder, change, usable, decided.priors)
+    change = _remap_if_due(stages, folder, change, decided.priors)
     ignored = (*frozen, *decided.ignored)
     news = [sentence for sentence in ignored if sentence not in state.priors_ignored]
     warnings = [*stages.warnings, *news, *change.warnings]
@@ -90,16 +82,10 @@ def step(
 
 
 def _register_due(
-    stages: Stages,
-    image_dir: Path,
-    state: GrowthState,
-    matched: Sequence[str],
-    decided: Veto,
-    model_dir: Path,
-    out_dir: Path,
+    stages: Stages, folder: GrowthFolder, state: GrowthState, matched: Sequence[str], decided: Veto
 ) -> ModelChange:
     """Register those of the ``matched`` images that were not tried with the same inputs before."""
-    database = stages.folder.database
+    database, model_dir = stages.folder.database, folder.model(state.generation)
     matches = matches_of(matched, verified_matches(database, MIN_PAIR_MATCHES))
     inputs = RegistrationInputs(
         model_dir, matches, image_cameras(database), decided.priors, informative=decided.informative
@@ -109,13 +95,10 @@ def _register_due(
         due = list(matches)  # the adjustment changes the inputs of all
     change = register(
         stages,
-        image_dir,
         state.model_copy(update={"rejected": state.rejected | decided.without_pairs}),
-        due,
-        decided.priors,
+        Unregistered(due, decided.priors, decided.informative),
         model_dir,
-        out_dir,
-        informative=decided.informative,
+        folder.next_model,
     )
     left = set(change.state.unregistered)
     tried = {name: inputs.of(name) for name in change.tried if name in left}
@@ -129,20 +112,15 @@ def _register_due(
 
 
 def _remap_if_due(
-    stages: Stages,
-    image_dir: Path,
-    change: ModelChange,
-    priors: PosePriors,
-    model_dir: Path,
-    following: Path,
+    stages: Stages, folder: GrowthFolder, change: ModelChange, priors: PosePriors
 ) -> ModelChange:
     """Map all images again if that is due after ``change``; both changes in one, with their warnings."""
     matching = _count_matching_unregistered(stages.folder.database, change.state)
     reason = reason_to_remap(change.state, change.match_support, matching, stages.settings)
     if reason is None:
         return change
-    grown = following if change.changed else model_dir
-    remapped = remap(stages, image_dir, change.state, priors, grown, following)
+    grown = folder.next_model if change.changed else folder.model(change.state.generation)
+    remapped = remap(stages, change.state, priors, grown, folder.next_model)
     if remapped.mapper is None:
         warnings = (*change.warnings, *(f"{reason} {warning}" for warning in remapped.warnings))
     else:
@@ -183,16 +161,11 @@ def _unregistered(new: Sequence[str], matched: Sequence[str], state: GrowthState
 
 
 def _match(
-    stages: Stages,
-    unregistered: Sequence[str],
-    usable: Sequence[str],
-    current: Reconstruction,
-    retrieval: ImageRetrieval,
-    priors: PosePriors,
+    stages: Stages, unregistered: Sequence[str], around: Surroundings, priors: PosePriors
 ) -> list[str]:
     """Match the ``unregistered`` images; returns those that match anything."""
-    predicted = predicted_neighbours(unregistered, priors, current)
-    match_with_neighbours(stages, unregistered, usable, current.centres(), retrieval, predicted=predicted)
+    predicted = predicted_neighbours(unregistered, priors, around.model)
+    match_with_neighbours(stages, unregistered, around, predicted=predicted)
     pairs = verified_matches(stages.folder.database, MIN_PAIR_MATCHES)
     matched = {name for pair in pairs for name in pair}
     return [name for name in unregistered if name in matched]

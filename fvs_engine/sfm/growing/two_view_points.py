@@ -8,6 +8,7 @@ import numpy as np
 
 from fvs_engine.errors import NativeJobError
 from fvs_engine.sfm.growing.update import TwoViewPoints
+from fvs_engine.sfm.jobs import FindTwoViewPoints
 from fvs_engine.sfm.stages import Stages
 
 _log = logging.getLogger(__name__)
@@ -23,9 +24,8 @@ def find_two_view_points(stages: Stages, model_dir: Path) -> TwoViewPoints | Non
         return None
     with tempfile.TemporaryDirectory() as scratch:
         target = Path(scratch) / "points.npz"
-        arguments = {"database": str(database), "model_dir": str(model_dir), "target": str(target)}
         try:
-            stages.native("two_view_points", arguments)
+            stages.native(FindTwoViewPoints(database=database, model_dir=model_dir, target=target))
         except NativeJobError as error:
             if not error.crashed:
                 raise

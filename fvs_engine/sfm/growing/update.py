@@ -58,8 +58,6 @@ class PoseUpdate:
         points: PointCloud,
         added: Sequence[str],
         generation: int,
-        warnings: tuple[str, ...] = (),
-        seconds: Mapping[str, float] | None = None,
     ) -> "PoseUpdate":
         """Compare ``views`` with those ``known`` before; ``added``: all images, in the order of adding."""
         before = {view.name: view for view in known}
@@ -72,8 +70,6 @@ class PoseUpdate:
             unregistered=tuple(name for name in added if name not in now),
             lost=frozenset(before.keys() - now.keys()),
             moved=frozenset(name for name in before.keys() & now.keys() if _differ(before[name], now[name])),
-            warnings=warnings,
-            seconds=seconds or {},
         )
 
 

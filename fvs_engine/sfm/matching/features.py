@@ -1,11 +1,10 @@
 """Stage one: cameras, shared by images of equal size and focal length, and SIFT features of every image."""
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
-from typing import Any
 
 import pycolmap
 from PIL import Image
@@ -13,6 +12,7 @@ from PIL import Image
 from fvs_engine.errors import InvalidInputError, ReconstructionError
 from fvs_engine.images.focal import focal_length_px
 from fvs_engine.sfm.colmap.database import count_rows, feature_counts, image_cameras
+from fvs_engine.sfm.jobs import ExtractFeatures, ImportImages
 from fvs_engine.sfm.settings import FeatureSettings, FocalPrior, SfmSettings
 from fvs_engine.sfm.stages import Stages
 from fvs_schema.stages import Stage
@@ -27,62 +27,53 @@ _HEADERS = 10_000
 """Images whose size and focal length are remembered."""
 
 
-def extract_features(stages: Stages, image_dir: Path, names: Sequence[str]) -> None:
+def extract_features(stages: Stages, names: Sequence[str]) -> None:
     """Write cameras, images and features into the database; images that have theirs are skipped.
 
     ``names`` are all images of the set, whose number decides the size that features are extracted from.
 
     Raises ``ReconstructionError`` when fewer than two images have features.
     """
-    add_features(stages, image_dir, names)
+    add_features(stages, names)
     _require_texture(stages, names)
 
 
-def add_features(
-    stages: Stages, image_dir: Path, names: Sequence[str], settings: FeatureSettings | None = None
-) -> None:
+def add_features(stages: Stages, names: Sequence[str], settings: FeatureSettings | None = None) -> None:
     """Extract features as ``extract_features`` does, but accept sets in which no image has any.
 
     ``settings`` are by default those for a set of these images.
     """
     database = stages.folder.database
     with stages.timed("features"):
-        import_images(stages, image_dir, names)
+        import_images(stages, names)
         done = set(feature_counts(database))
         settings = settings or stages.settings.features(len(names))
-        small, large = _by_size(image_dir, [name for name in names if name not in done], settings)
+        missing = [name for name in names if name not in done]
+        small, large = _by_size(stages.image_dir, missing, settings)
         for some, upsampled in ((small, True), (large, False)):
             if some:
-                _extract(stages, image_dir, names, some, done, settings, upsampled=upsampled)
+                request = ExtractFeatures(
+                    database=database,
+                    image_dir=stages.image_dir,
+                    names=tuple(some),
+                    max_image_size_px=settings.max_image_size_px,
+                    upsampled=upsampled,
+                    max_features=settings.max_features,
+                    threads=stages.settings.threads,
+                )
+                _extract(stages, request, names, [name for name in names if name in done])
     stages.monitor.report(Stage.FEATURES, len(names), len(names))
 
 
-def _extract(
-    stages: Stages,
-    image_dir: Path,
-    names: Sequence[str],
-    todo: Sequence[str],
-    done: Collection[str],
-    settings: FeatureSettings,
-    *,
-    upsampled: bool,
-) -> None:
-    """Extract the features of ``todo`` among ``names``; those ``done`` are known to crash nothing."""
-    database = stages.folder.database
+def _extract(stages: Stages, request: ExtractFeatures, names: Sequence[str], harmless: Sequence[str]) -> None:
+    """Extract features of some of ``names``; those that are ``harmless`` are known to crash nothing."""
     stages.native_over(
-        "extract",
-        todo,
-        lambda some: {
-            "database": str(database),
-            "image_dir": str(image_dir),
-            "names": list(some),
-            "max_image_size": settings.max_image_size_px,
-            "upsampled": upsampled,
-            "max_features": settings.max_features,
-            "threads": stages.settings.threads,
-        },
-        controls=[name for name in names if name in done],
-        on_tick=lambda: stages.monitor.report(Stage.FEATURES, count_rows(database, "keypoints"), len(names)),
+        request.names,
+        lambda some: request.model_copy(update={"names": tuple(some)}),
+        controls=harmless,
+        on_tick=lambda: stages.monitor.report(
+            Stage.FEATURES, count_rows(request.database, "keypoints"), len(names)
+        ),
     )
 
 
@@ -142,33 +133,33 @@ def _read_header(file: Path, _changed_ns: int, _size_bytes: int) -> tuple[int, i
         return width, height, focal_length_px(image.getexif(), width, height)
 
 
-def import_images(stages: Stages, image_dir: Path, names: Sequence[str]) -> None:
+def import_images(stages: Stages, names: Sequence[str]) -> None:
     """Write images into the database, each with the camera of its group among ``names``."""
     database = stages.folder.database
     known = image_cameras(database)
     if all(name in known for name in names):
         return
-    for group in camera_groups(image_dir, names, stages.settings.focal_prior):
+    for group in camera_groups(stages.image_dir, names, stages.settings.focal_prior):
         missing = [name for name in group.names if name not in known]
         if not missing:
             continue
         model, params = _intrinsics(stages.settings, group)
 
-        def arguments(
+        def request(
             some: Sequence[str], group: CameraGroup = group, model: str = model, params: str = params
-        ) -> Mapping[str, Any]:
+        ) -> ImportImages:
             # A group that was interrupted, or that grew, continues with the camera it has.
             cameras = image_cameras(database)
-            return {
-                "database": str(database),
-                "image_dir": str(image_dir),
-                "names": list(some),
-                "model": model,
-                "params": params,
-                "camera_id": next((cameras[name] for name in group.names if name in cameras), -1),
-            }
+            return ImportImages(
+                database=database,
+                image_dir=stages.image_dir,
+                names=tuple(some),
+                model=model,
+                params=params,
+                camera_id=next((cameras[name] for name in group.names if name in cameras), -1),
+            )
 
-        stages.native_over("import_images", missing, arguments, controls=[n for n in names if n in known])
+        stages.native_over(missing, request, controls=[name for name in names if name in known])
 
 
 def _intrinsics(settings: SfmSettings, group: CameraGroup) -> tuple[str, str]:

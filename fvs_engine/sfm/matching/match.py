@@ -1,6 +1,7 @@
 """Stage two: pairs of images, matched and geometrically verified."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
@@ -10,6 +11,7 @@ from fvs_engine.sfm.colmap.database import (
     matched_pairs,
     read_descriptors,
 )
+from fvs_engine.sfm.jobs import MatchPairs
 from fvs_engine.sfm.matching.pairs import exhaustive_pairs, selected_pairs
 from fvs_engine.sfm.matching.retrieval import global_descriptors
 from fvs_engine.sfm.pose_priors import PosePriors
@@ -55,17 +57,15 @@ def _match(stages: Stages, pairs: Sequence[tuple[str, str]], ids: Mapping[str, i
         begun = len(done)
         with stages.timed("matching"):
             stages.native_over(
-                "match",
                 todo,
-                lambda some: {
-                    "database": str(database),
-                    "parts_dir": str(stages.folder.parts),
-                    "pair_list": _write_list(stages, some, ids),
-                    "batch": _BATCH,
-                    "seed": stages.settings.seed,
-                    "threads": stages.settings.threads,
-                },
-                image_of=lambda pair: pair[0],
+                lambda some: MatchPairs(
+                    database=database,
+                    parts_dir=stages.folder.parts,
+                    pair_list=_write_list(stages, some, ids),
+                    batch=_BATCH,
+                    seed=stages.settings.seed,
+                    threads=stages.settings.threads,
+                ),
                 on_tick=lambda: stages.monitor.report(
                     Stage.MATCHING,
                     min(
@@ -103,10 +103,10 @@ def _count_matched(folder: SfmFolder) -> int:
     return sum(count_rows(path, "two_view_geometries") for path in databases)
 
 
-def _write_list(stages: Stages, pairs: Sequence[tuple[str, str]], ids: Mapping[str, int]) -> str:
+def _write_list(stages: Stages, pairs: Sequence[tuple[str, str]], ids: Mapping[str, int]) -> Path:
     file = stages.folder.root / "pairs.txt"
     file.write_text("".join(f"{ids[first]} {ids[second]}\n" for first, second in pairs), encoding="ascii")
-    return str(file)
+    return file
 
 
 def _ordered(first: int, second: int) -> tuple[int, int]:

@@ -1,7 +1,7 @@
 """The SfM child process: runs jobs one after another, each in a fork of itself.
 
 A fork saves the half second that importing pycolmap takes, and leaves nothing behind: no memory, no library
-state. Orders are lines of JSON on standard input: ``job`` and ``arguments`` (see ``jobs``), ``folder``, the
+state. Orders are lines of JSON on standard input: ``job`` and ``request`` (see ``sfm.jobs``), ``folder``, the
 current one, and ``log``, a file for what libraries print. Answers are lines of JSON on standard output: any
 number of ``event``, a ``result`` or ``error``, and ``ended``, the fork's exit status, or minus the signal
 that killed it; or ``no_process``, the reason why there is no fork. The argument is the id of the parent
@@ -18,6 +18,7 @@ from typing import Any
 
 from fvs_engine.child_process import kill_with_parent
 from fvs_engine.records import Record
+from fvs_engine.sfm.jobs import REQUESTS
 
 
 def main() -> None:
@@ -52,7 +53,8 @@ def _run(job: Callable[..., Any], order: dict[str, Any], answers: int) -> None:
     os.dup2(os.open(os.devnull, os.O_RDONLY), 0)
     try:
         os.chdir(order["folder"])
-        result = job(lambda event: _answer(answers, {"event": event}), **order["arguments"])
+        request = REQUESTS[order["job"]].model_validate(order["request"])
+        result = job(request, lambda event: _answer(answers, {"event": event}))
         if isinstance(result, Record):
             result = result.model_dump(mode="json")
     except Exception as error:

@@ -3,17 +3,17 @@
 import tempfile
 from collections.abc import Mapping, Sequence
 from contextlib import closing
+from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pycolmap
 
 from fvs_engine.geometry import RigidTransform
-from fvs_engine.sfm.answers import GuidedRegistration
 from fvs_engine.sfm.colmap.database import image_cameras, image_ids
 from fvs_engine.sfm.colmap.guided_pairs import Pair, take_back_guided_pairs, write_guided_pairs
 from fvs_engine.sfm.colmap.model import camera_poses, rigid_to_pycolmap
+from fvs_engine.sfm.jobs import GuidedRegistration, RegisterGuided
 from fvs_engine.sfm.native.guided_matching import TIGHT, GuidedPose, guided_pose
 from fvs_engine.sfm.native.known_points import Features, Indices, KnownPoints, camera_of
 from fvs_engine.sfm.native.prior_pose import ExpectedPose, expected_poses
@@ -31,49 +31,37 @@ _FITTING = TIGHT / 2
 """Maximum distance of ordinary matches from the epipolar lines of a guided pose, in focal lengths."""
 
 
-def register_guided(
-    report: Report, *, neighbours: dict[str, list[str]], tried: list[str], **registration: Any
-) -> GuidedRegistration:
-    """Register images as ``register`` does with ``registration``, with pairs that pose priors guide.
-
-    ``neighbours``: unregistered images → the registered ones that they should overlap. ``tried``: images that
-    were looked at before, the one looked at last being the last. Points in only two
-    images are used, too, which ordinary registration leaves out: at the border of a model there are hardly
-    any others. Pairs of images that are not registered then are taken back.
-    """
-    database = registration["database"]
-    model = pycolmap.Reconstruction(registration["model_dir"])
-    priors = PosePriors.model_validate(registration["priors"])
+def register_guided(request: RegisterGuided, report: Report) -> GuidedRegistration:
+    """See ``RegisterGuided``."""
+    registration, neighbours = request.registration, request.neighbours
+    database, priors = registration.database, registration.priors
+    model = pycolmap.Reconstruction(registration.model_dir)
     poses = camera_poses(model)
     frame = believed_frame(priors, poses)
     if frame is None:
         return GuidedRegistration(looked_at=list(neighbours), registration=None)
     # Only intrinsics that the model has estimated: with a guessed focal length every window is wrong.
     estimated = {image.camera_id for image in model.images.values() if image.has_pose}
-    cameras = image_cameras(Path(database))
+    cameras = image_cameras(database)
     ready = [name for name in neighbours if cameras[name] in estimated]
     if not ready:
         return GuidedRegistration(looked_at=list(neighbours), registration=None)
-    take_back_guided_pairs(Path(database), poses)  # of a call that crashed
+    take_back_guided_pairs(database, poses)  # of a call that crashed
     points = set(model.point3D_ids())
-    add_two_view_points(
-        model, Path(database), sorted({other for some in neighbours.values() for other in some})
-    )
-    expected = _expected_poses(ready, tried, priors, frame, poses)
+    add_two_view_points(model, database, sorted({other for some in neighbours.values() for other in some}))
+    expected = _expected_poses(ready, request.tried, priors, frame, poses)
     found, matched = _guided_geometries(model, database, neighbours, expected)
     looked_at = [name for name in neighbours if name not in ready or name in matched]
     if not found:
         return GuidedRegistration(looked_at=looked_at, registration=None)
-    color_points(model, registration["image_dir"], points, ())
-    write_guided_pairs(Path(database), found)
+    color_points(model, registration.image_dir, points, ())
+    write_guided_pairs(database, found)
     with tempfile.TemporaryDirectory() as folder:
         model.write_binary(folder)
-        grown = registration["adjusted_points"] + model.num_points3D() - len(points)
-        answer = register(
-            report,
-            **registration | {"model_dir": folder, "adjusted_points": grown, "two_view_points": True},
-        )
-    take_back_guided_pairs(Path(database), answer.posed)
+        grown = registration.adjusted_points + model.num_points3D() - len(points)
+        update = {"model_dir": Path(folder), "adjusted_points": grown, "two_view_points": True}
+        answer = register(registration.model_copy(update=update), report)
+    take_back_guided_pairs(database, answer.posed)
     return GuidedRegistration(looked_at=looked_at, registration=answer)
 
 
@@ -100,7 +88,7 @@ def _expected_poses(
 
 def _guided_geometries(
     model: pycolmap.Reconstruction,
-    database: str,
+    database: Path,
     neighbours: Mapping[str, Sequence[str]],
     expected: Mapping[str, ExpectedPose],
 ) -> tuple[dict[Pair, pycolmap.TwoViewGeometry], list[str]]:
@@ -108,7 +96,7 @@ def _guided_geometries(
 
     Also returns the images that were matched, or cannot be.
     """
-    ids, cameras = image_ids(Path(database)), image_cameras(Path(database))
+    ids, cameras = image_ids(database), image_cameras(database)
     geometries: dict[Pair, pycolmap.TwoViewGeometry] = {}
     looked_at, matched = list[str](), 0
     with closing(pycolmap.Database.open(database)) as opened:
@@ -116,27 +104,33 @@ def _guided_geometries(
             if matched == _MOST_GUIDED:
                 break
             looked_at.append(name)
-            camera = model.camera(cameras[name])
+            photograph = _Photograph(ids[name], model.camera(cameras[name]), Features.read(opened, ids[name]))
             images = [model.find_image_with_name(other) for other in neighbours[name]]
             known = KnownPoints.read(model, opened, images)
-            features = Features.read(opened, ids[name])
-            guided = guided_pose(known, features, camera, pose)
+            guided = guided_pose(known, photograph.features, photograph.camera, pose)
             matched += guided is not None
             if guided is not None and guided.believed:
                 for image in images:
-                    matches = _matches(opened, ids[name], image, camera, features, known, guided)
+                    matches = _matches(opened, photograph, image, known, guided)
                     if len(matches) >= MIN_PAIR_MATCHES:
-                        pair, geometry = _geometry(ids[name], camera, guided, image, matches)
+                        pair, geometry = _geometry(photograph, guided, image, matches)
                         geometries[pair] = geometry
     return geometries, looked_at
 
 
+@dataclass(frozen=True, eq=False)
+class _Photograph:
+    """An image that is not registered, by its id in the database, its camera and its features."""
+
+    image_id: int
+    camera: pycolmap.Camera
+    features: Features
+
+
 def _matches(
     database: pycolmap.Database,
-    image_id: int,
+    photograph: _Photograph,
     other: pycolmap.Image,
-    camera: pycolmap.Camera,
-    features: Features,
     known: KnownPoints,
     guided: GuidedPose,
 ) -> Indices:
@@ -145,6 +139,7 @@ def _matches(
     Verified ones stay even when they do not fit, as evidence against the pose, unless a guided one has one of
     their features.
     """
+    image_id, camera, features = photograph.image_id, photograph.camera, photograph.features
     here = known.image == other.image_id
     shown = dict(zip(known.point[here].tolist(), known.feature[here].tolist(), strict=True))
     guided_ones = [
@@ -184,13 +179,15 @@ def _one_to_one(matches: Indices) -> Indices:
 
 
 def _geometry(
-    image_id: int, camera: pycolmap.Camera, guided: GuidedPose, other: pycolmap.Image, matches: Indices
+    photograph: _Photograph, guided: GuidedPose, other: pycolmap.Image, matches: Indices
 ) -> tuple[Pair, pycolmap.TwoViewGeometry]:
     """The pair, and its two-view geometry by the guided pose."""
     guided_from_model = rigid_to_pycolmap(guided.camera_from_model)
     second_from_first = other.cam_from_world() * guided_from_model.inverse()
-    first, second = (np.linalg.inv(each.calibration_matrix()) for each in (camera, camera_of(other)))
-    pair = image_id, other.image_id
+    first, second = (
+        np.linalg.inv(each.calibration_matrix()) for each in (photograph.camera, camera_of(other))
+    )
+    pair = photograph.image_id, other.image_id
     if pair[0] > pair[1]:
         second_from_first, matches, pair = second_from_first.inverse(), matches[:, ::-1], pair[::-1]
         first, second = second, first

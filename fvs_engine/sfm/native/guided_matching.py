@@ -16,7 +16,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.native.known_points import Features, Indices, KnownPoints
-from fvs_engine.sfm.native.prior_pose import Array, ExpectedPose, project, refine
+from fvs_engine.sfm.native.prior_pose import Array, ExpectedPose, PoseProblem, project
 
 _SIGMAS = 3.0
 """Half the width of a window, in standard deviations."""
@@ -202,18 +202,19 @@ class _Candidates:
         focal = float(self.camera.mean_focal_length())
         noise = _SHRINKING[0] / _NOISES
         for radius in _SHRINKING:
-            pixels = self.pixels[feature]
-            pose = refine(pose, self.known.xyz[point], pixels, self.camera, noise * focal, self.expected)
+            pose = self._problem(point, feature, noise * focal).refine(pose)
             point, feature = self.match(pose, radius * focal, _RATIO)
             noise = radius / _NOISES
             if len(point) < _MIN_MATCHES:
                 return None
-        pose = refine(
-            pose, self.known.xyz[point], self.pixels[feature], self.camera, noise * focal, self.expected
-        )
+        pose = self._problem(point, feature, noise * focal).refine(pose)
         point, feature = self.match(pose, TIGHT * focal, _RATIO)
         chance = [len(self.match(pose, TIGHT * focal, _RATIO, focal * beside)[0]) for beside in _BESIDE]
         return GuidedPose(pose, point, feature, max(chance), self.expected.sigmas_of(pose))
+
+    def _problem(self, point: Indices, feature: Indices, noise_px: float) -> PoseProblem:
+        xyz = self.known.xyz[point]
+        return PoseProblem(xyz, self.pixels[feature], self.camera, noise_px, self.expected)
 
 
 def _axes_px(

@@ -1,8 +1,4 @@
-"""The native jobs: functions of JSON arguments that run in the SfM child process.
-
-A job writes either into the database, in transactions, so that a repeated one resumes; or into a folder or
-file beside the final one, which the caller renames when the job is done.
-"""
+"""The native jobs of sets of images: functions of a request, which run in the SfM child process."""
 
 import contextlib
 import shutil
@@ -13,9 +9,19 @@ from typing import Any
 
 import pycolmap
 
-from fvs_engine.sfm.colmap.database import image_ids, remove_images
+from fvs_engine.sfm.colmap.database import delete_database, image_ids, remove_images
+from fvs_engine.sfm.jobs import (
+    CalibrateViewGraph,
+    ExtractFeatures,
+    ImportImages,
+    MapGlobally,
+    MapImages,
+    MapIncrementally,
+    TriangulatePoints,
+    UndistortImages,
+)
 from fvs_engine.sfm.native.matching import match
-from fvs_engine.sfm.native.pose_review import review_poses
+from fvs_engine.sfm.native.pose_review import PoseReview
 from fvs_engine.sfm.native.report import Report
 from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment, remove_outliers
 
@@ -24,86 +30,52 @@ def _threads(threads: int | None) -> int:
     return -1 if threads is None else threads
 
 
-def import_images(
-    _report: Report,
-    *,
-    database: str,
-    image_dir: str,
-    names: list[str],
-    model: str,
-    params: str,
-    camera_id: int,
-) -> None:
-    """Write images of one camera into the database; ``camera_id`` -1 makes one; ``params`` may be empty."""
-    pycolmap.Database.open(database).close()  # creates it; the importer itself does not
+def import_images(request: ImportImages, _report: Report) -> None:
+    """See ``ImportImages``."""
+    pycolmap.Database.open(request.database).close()  # creates it; the importer itself does not
     reader = pycolmap.ImageReaderOptions()
-    reader.camera_model = model
-    reader.camera_params = params
-    reader.existing_camera_id = camera_id
-    pycolmap.import_images(database, image_dir, pycolmap.CameraMode.SINGLE, names, reader)
+    reader.camera_model = request.model
+    reader.camera_params = request.params
+    reader.existing_camera_id = request.camera_id
+    names = list(request.names)
+    pycolmap.import_images(request.database, request.image_dir, pycolmap.CameraMode.SINGLE, names, reader)
 
 
-def extract(
-    _report: Report,
-    *,
-    database: str,
-    image_dir: str,
-    names: list[str],
-    max_image_size: int,
-    upsampled: bool,
-    max_features: int,
-    threads: int | None,
-) -> None:
-    """Extract SIFT features of images, ``upsampled`` twofold or not; those that have them are skipped."""
+def extract(request: ExtractFeatures, _report: Report) -> None:
+    """See ``ExtractFeatures``."""
     options = pycolmap.FeatureExtractionOptions()
-    options.max_image_size = max_image_size
-    options.num_threads = _threads(threads)
+    options.max_image_size = request.max_image_size_px
+    options.num_threads = _threads(request.threads)
     options.use_gpu = False
-    options.sift.max_num_features = max_features
-    options.sift.first_octave = -1 if upsampled else 0
-    pycolmap.extract_features(database, image_dir, names, extraction_options=options)
+    options.sift.max_num_features = request.max_features
+    options.sift.first_octave = -1 if request.upsampled else 0
+    names = list(request.names)
+    pycolmap.extract_features(request.database, request.image_dir, names, extraction_options=options)
 
 
-def calibrate(_report: Report, *, database: str, target: str, names: list[str], seed: int) -> bool:
-    """Copy the database to ``target`` and calibrate the view graph of ``names`` there, without other images.
-
-    Returns whether that succeeded.
-    """
-    for old in (target, f"{target}-wal", f"{target}-shm"):
-        Path(old).unlink(missing_ok=True)
-    shutil.copyfile(database, target)
-    others = image_ids(Path(target)).keys() - set(names)
+def calibrate(request: CalibrateViewGraph, _report: Report) -> bool:
+    """See ``CalibrateViewGraph``."""
+    delete_database(request.target)
+    shutil.copyfile(request.database, request.target)
+    others = image_ids(request.target).keys() - set(request.names)
     if others:
-        remove_images(Path(target), others)
+        remove_images(request.target, others)
     options = pycolmap.ViewGraphCalibrationOptions()
-    options.random_seed = seed
-    return bool(pycolmap.calibrate_view_graph(target, options))
+    options.random_seed = request.seed
+    return bool(pycolmap.calibrate_view_graph(request.target, options))
 
 
-def map_incremental(
-    report: Report,
-    *,
-    database: str,
-    image_dir: str,
-    out_dir: str,
-    names: list[str],
-    refine: bool,
-    lens: bool,
-    seed: int,
-    threads: int | None,
-) -> int:
-    """Incremental mapping of ``names``; the models go to ``out_dir``/0, 1, …; their number.
-
-    Each is adjusted robustly at the end; ``refine`` and ``lens`` as for ``RobustAdjustment``.
-    """
-    pycolmap.set_random_seed(seed)
+def map_incremental(request: MapIncrementally, report: Report) -> None:
+    """See ``MapIncrementally``."""
+    pycolmap.set_random_seed(request.seed)
     options = pycolmap.IncrementalPipelineOptions()
-    options.random_seed = seed
-    options.num_threads = _threads(threads)
-    options.image_names = names
+    options.random_seed = request.seed
+    options.num_threads = _threads(request.threads)
+    options.image_names = list(request.names)
     options.min_model_size = 3
-    options.ba_refine_focal_length = options.ba_refine_extra_params = refine
-    options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = refine
+    options.ba_refine_focal_length = options.ba_refine_extra_params = request.refine
+    mapper = options.mapper
+    mapper.abs_pose_refine_focal_length = mapper.abs_pose_refine_extra_params = request.refine
     registered = 2
 
     def next_image() -> None:
@@ -112,85 +84,62 @@ def map_incremental(
         report(registered)
 
     models = pycolmap.incremental_mapping(
-        database, image_dir, out_dir, options, next_image_callback=next_image
+        request.database, request.image_dir, request.out_dir, options, next_image_callback=next_image
     )
-    _adjust(models, out_dir, Path(database), refine=refine, lens=lens, seed=seed, threads=threads)
-    return len(models)
+    _adjust(models, request)
 
 
-def map_global(
-    _report: Report,
-    *,
-    database: str,
-    image_dir: str,
-    out_dir: str,
-    names: list[str],
-    refine: bool,
-    lens: bool,
-    seed: int,
-    threads: int | None,
-) -> int:
-    """Global mapping (GLOMAP) of ``names``, otherwise as ``map_incremental``."""
-    pycolmap.set_random_seed(seed)
+def map_global(request: MapGlobally, _report: Report) -> None:
+    """See ``MapGlobally``."""
+    pycolmap.set_random_seed(request.seed)
     options = pycolmap.GlobalPipelineOptions()
-    options.image_names = names
-    options.random_seed = options.mapper.random_seed = seed
-    options.num_threads = options.mapper.num_threads = _threads(threads)
+    options.image_names = list(request.names)
+    options.random_seed = options.mapper.random_seed = request.seed
+    options.num_threads = options.mapper.num_threads = _threads(request.threads)
     adjustment = options.mapper.bundle_adjustment
-    adjustment.refine_focal_length = adjustment.refine_extra_params = refine
+    adjustment.refine_focal_length = adjustment.refine_extra_params = request.refine
     options.mapper.bundle_adjustment = adjustment
-    models = pycolmap.global_mapping(database, image_dir, out_dir, options)
-    _adjust(models, out_dir, Path(database), refine=refine, lens=lens, seed=seed, threads=threads)
-    return len(models)
+    _adjust(pycolmap.global_mapping(request.database, request.image_dir, request.out_dir, options), request)
 
 
-def _adjust(
-    models: Mapping[int, pycolmap.Reconstruction],
-    out_dir: str,
-    database: Path,
-    *,
-    refine: bool,
-    lens: bool,
-    seed: int,
-    threads: int | None,
-) -> None:
+def _adjust(models: Mapping[int, pycolmap.Reconstruction], request: MapImages) -> None:
     """Adjust the models of a mapper robustly, and write them to ``out_dir``/0, 1, … again."""
+    refine, lens, threads = request.refine, request.lens, _threads(request.threads)
     for number, model in models.items():
-        RobustAdjustment(model, refine=refine, lens=lens, threads=_threads(threads)).solve()
+        RobustAdjustment(model, refine=refine, lens=lens, threads=threads).solve()
         remove_outliers(model)
         observations = pycolmap.ObservationManager(model)
-        if review_poses(model, observations, database, model.reg_image_ids(), seed):
-            RobustAdjustment(model, refine=refine, lens=lens, threads=_threads(threads)).solve()
+        if PoseReview(model, observations, request.database, request.seed).of(model.reg_image_ids()):
+            RobustAdjustment(model, refine=refine, lens=lens, threads=threads).solve()
             remove_outliers(model)
-        model.write_binary(str(Path(out_dir) / str(number)))
+        model.write_binary(request.out_dir / str(number))
 
 
-def triangulate(
-    _report: Report, *, database: str, image_dir: str, model_dir: str, out_dir: str, threads: int | None
-) -> int:
-    """Triangulate points for the poses of ``model_dir``, which do not change; returns their number.
+def triangulate(request: TriangulatePoints, _report: Report) -> int:
+    """See ``TriangulatePoints``.
 
     Points in two images alone are kept, which COLMAP leaves out by default: given poses suffice for them, and
     models that start without them are worse (docs/design/training.md).
     """
     options = pycolmap.IncrementalPipelineOptions()
-    options.num_threads = _threads(threads)
+    options.num_threads = _threads(request.threads)
     options.ba_refine_focal_length = options.ba_refine_extra_params = False
-    model = pycolmap.Reconstruction(model_dir)
+    model = pycolmap.Reconstruction(request.model_dir)
     options.triangulation.ignore_two_view_tracks = False
+    image_dir, out_dir = request.image_dir, request.out_dir
     if model.num_reg_images() > 1:  # the search for the crashing image tries single ones
         # The database has cameras of its own for these images, often of another model; COLMAP needs equal
         # ones.
         with tempfile.TemporaryDirectory() as scratch:
-            given = str(Path(scratch) / "given.db")
-            _copy_with_cameras_of(model, database, given)
+            given = Path(scratch) / "given.db"
+            _copy_with_cameras_of(model, request.database, given)
             model = pycolmap.triangulate_points(model, given, image_dir, out_dir, True, options, False)
     model.extract_colors_for_all_images(image_dir)
     model.write_binary(out_dir)
     return int(model.num_points3D())
 
 
-def _copy_with_cameras_of(model: pycolmap.Reconstruction, database: str, target: str) -> None:
+def _copy_with_cameras_of(model: pycolmap.Reconstruction, database: Path, target: Path) -> None:
     """A database with the model's images and cameras, and the keypoints and verified matches of another."""
     with (
         contextlib.closing(pycolmap.Database.open(database)) as source,
@@ -211,23 +160,20 @@ def _copy_with_cameras_of(model: pycolmap.Reconstruction, database: str, target:
                 given.write_two_view_geometry(first, second, geometry)
 
 
-def undistort(
-    _report: Report, *, model_dir: str, image_dir: str, out_dir: str, names: list[str], quality: int
-) -> None:
-    """A pinhole model in ``out_dir``/sparse, and those of its images in ``names`` in ``out_dir``/images."""
-    options = pycolmap.UndistortCameraOptions()
+def undistort(request: UndistortImages, _report: Report) -> None:
+    """See ``UndistortImages``."""
     pycolmap.undistort_images(
-        out_dir,
-        model_dir,
-        image_dir,
-        names,
+        request.out_dir,
+        request.model_dir,
+        request.image_dir,
+        list(request.names),
         output_type="COLMAP",
-        undistort_options=options,
-        jpeg_quality=quality,
+        undistort_options=pycolmap.UndistortCameraOptions(),
+        jpeg_quality=request.jpeg_quality,
     )
     # COLMAP prepares for its dense stereo, which is not used here.
-    shutil.rmtree(Path(out_dir) / "stereo", ignore_errors=True)
-    for script in Path(out_dir).glob("run-colmap-*.sh"):
+    shutil.rmtree(request.out_dir / "stereo", ignore_errors=True)
+    for script in request.out_dir.glob("run-colmap-*.sh"):
         script.unlink()
 
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import pycolmap
 
 from fvs_engine.sfm.colmap.database import delete_database, image_ids, verified_ids
-from fvs_engine.sfm.colmap.part_database import matches_around, write_part
+from fvs_engine.sfm.colmap.part_database import Part, matches_around, write_part
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 
@@ -54,14 +54,7 @@ def load_around(
     inside = [pair for pair in pairs if near.issuperset(pair)]
     part = matches_around(database)
     try:
-        write_part(
-            part,
-            database,
-            sorted(images),
-            inside,
-            of_images=("keypoints",),
-            of_pairs=("two_view_geometries",),
-        )
+        write_part(part, database, Part(sorted(images), inside, ("keypoints",), ("two_view_geometries",)))
         return load_all(part, names, model)
     finally:
         delete_database(part)

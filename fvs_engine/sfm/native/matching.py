@@ -19,7 +19,8 @@ import pycolmap
 
 from fvs_engine.child_process import kill_with_parent
 from fvs_engine.sfm.colmap.database import delete_database
-from fvs_engine.sfm.colmap.part_database import Pair, attached, write_part
+from fvs_engine.sfm.colmap.part_database import Pair, Part, attached, write_part
+from fvs_engine.sfm.jobs import MatchPairs
 from fvs_engine.sfm.native.report import Report
 
 _LEAST_PAIRS = 4
@@ -30,38 +31,25 @@ _BLOCK_PAIRS = 50
 """Number of pairs after which COLMAP loads the next images of its list."""
 
 
-def match(
-    _report: Report,
-    *,
-    database: str,
-    parts_dir: str,
-    pair_list: str,
-    batch: int,
-    seed: int,
-    threads: int | None,
-) -> None:
-    """Match and verify the pairs of image ids in the lines of the file ``pair_list``.
-
-    ``threads`` is the number of processes, None for one per core. After ``batch`` pairs in each of them the
-    results are written into ``database``; until then they are in databases in ``parts_dir``.
-    """
-    lines = Path(pair_list).read_text(encoding="ascii").splitlines()
+def match(request: MatchPairs, _report: Report) -> None:
+    """See ``MatchPairs``."""
+    lines = request.pair_list.read_text(encoding="ascii").splitlines()
     pairs = sorted((min(pair), max(pair)) for pair in (tuple(map(int, line.split())) for line in lines))
-    most = threads or len(os.sched_getaffinity(0))
-    folder = Path(parts_dir)
+    most = request.threads or len(os.sched_getaffinity(0))
+    folder, size = request.parts_dir, most * request.batch
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(exist_ok=True)
     try:
-        for start in range(0, len(pairs), most * batch):
-            some = pairs[start : start + most * batch]
+        for start in range(0, len(pairs), size):
+            some = pairs[start : start + size]
             # Unique names: the progress counter may open a part that is just being deleted.
             parts = [
-                _Part.of(Path(database), folder / f"{start}-{number}.db", share)
+                _Part.of(request.database, folder / f"{start}-{number}.db", share)
                 for number, share in enumerate(_shares(some, most))
             ]
-            _match_all(parts, seed)
+            _match_all(parts, request.seed)
             for part in parts:
-                part.merge_into(Path(database))
+                part.merge_into(request.database)
                 delete_database(part.database)
     finally:
         shutil.rmtree(folder, ignore_errors=True)
@@ -87,15 +75,8 @@ class _Part:
         Images have their ids as names, which COLMAP's list of pairs can hold.
         """
         images = {image_id for pair in pairs for image_id in pair}
-        write_part(
-            path,
-            whole,
-            images,
-            pairs,
-            of_images=("keypoints", "descriptors"),
-            of_pairs=("matches",),
-            named_by_id=True,
-        )
+        part = Part(images, pairs, ("keypoints", "descriptors"), ("matches",), named_by_id=True)
+        write_part(path, whole, part)
         return _Part(path, pairs)
 
     def match(self, seed: int) -> None:

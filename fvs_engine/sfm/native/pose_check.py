@@ -41,7 +41,7 @@ class PoseCheck:
 
     @staticmethod
     def read(
-        database: str,
+        database: Path,
         min_image_support: float,
         priors: PosePriors,
         around: Collection[str] | None = None,
@@ -51,9 +51,9 @@ class PoseCheck:
         ``around``: the images whose poses will be checked; only their pairs, and those of images that match
         them, are read.
         """
-        pairs = read_verified_pairs(Path(database), MIN_PAIR_MATCHES, around)
+        pairs = read_verified_pairs(database, MIN_PAIR_MATCHES, around)
         ids = {image_id for pair in pairs for image_id in (pair.first, pair.second)}
-        return PoseCheck(pairs, read_keypoints(Path(database), ids), min_image_support, priors)
+        return PoseCheck(pairs, read_keypoints(database, ids), min_image_support, priors)
 
     def contradiction(self, model: pycolmap.Reconstruction, image_id: int) -> str | None:
         """What contradicts the pose of an image in ``model``, None if nothing does."""

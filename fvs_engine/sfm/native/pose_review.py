@@ -8,6 +8,7 @@ one (docs/design/poses.md).
 
 from collections import defaultdict
 from collections.abc import Callable, Collection, Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
@@ -19,7 +20,7 @@ from fvs_engine.sfm.colmap.model import rigid_from_pycolmap, rigid_to_pycolmap
 from fvs_engine.sfm.native.known_points import camera_of, points_seen
 from fvs_engine.sfm.native.points_of_others import LIMITS, Matches, Rays, hangs_on_few_points
 from fvs_engine.sfm.native.pose_search import MIN_POSE_POINTS, MIN_SIGMA_PX, best_pose
-from fvs_engine.sfm.native.prior_pose import Array, ExpectedPose, cost, project
+from fvs_engine.sfm.native.prior_pose import Array, ExpectedPose, PoseProblem, project
 from fvs_engine.sfm.native.robust_adjustment import error_sigma_px
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
 
@@ -33,95 +34,88 @@ _STILL_EXPLAINED = 0.9
 """Share of the verified matches that the old pose explains, which another one must explain at least."""
 
 
-def review_poses(
-    model: pycolmap.Reconstruction,
-    observations: pycolmap.ObservationManager,
-    database: Path,
-    image_ids: Collection[int],
-    seed: int,
-    expected_of: Callable[[Collection[str]], Mapping[str, ExpectedPose]] = lambda _: {},
-    contradicts: Callable[[int], bool] = lambda _: False,
-) -> list[str]:
-    """Replace poses by others that explain an image's matches better; returns the names of these images.
+@dataclass(frozen=True, eq=False)
+class PoseReview:
+    """Review of the poses of a ``model``, whose matches are in ``database``.
 
-    Only of registered images that hang on few points, among those with the ``image_ids``. The error of a pose
-    is judged by points as the other images see them, and by the expected pose that ``expected_of`` gives for
-    its name, if any, both robustly. A new pose must explain the verified matches nearly as well;
-    ``contradicts`` (of an image id) must not be true of it unless it was of the old one. Observations are
-    replaced, too; bundle adjustment should follow.
+    The error of a pose is judged by points as the other images see them, and by the expected pose that
+    ``expected_of`` gives for its name, if any, both robustly. A new pose must explain the verified matches
+    nearly as well; ``contradicts`` (of an image id) must not be true of it unless it was of the old one.
     """
-    registered = set(model.reg_image_ids())
-    few = [
-        image
-        for image_id in sorted(registered.intersection(image_ids))
-        if hangs_on_few_points(model, image := model.image(image_id))
-    ]
-    if not few:
-        return []
-    names = [image.name for image in few]
-    pairs = defaultdict(list)
-    for pair in read_verified_pairs(database, MIN_PAIR_MATCHES, names):
-        if registered.issuperset((pair.first, pair.second)):
-            pairs[pair.first].append(pair)
-            pairs[pair.second].append(pair)
-    expected, rays = expected_of(names), Rays(model)
-    sigma_px = max(error_sigma_px(model), MIN_SIGMA_PX)
 
-    def better_pose(image: pycolmap.Image, matches: Matches) -> tuple[float, RigidTransform]:
-        return _better_pose(image, matches, rays, sigma_px, expected.get(image.name), seed)
+    model: pycolmap.Reconstruction
+    observations: pycolmap.ObservationManager
+    database: Path
+    seed: int
+    expected_of: Callable[[Collection[str]], Mapping[str, ExpectedPose]] = lambda _: {}
+    contradicts: Callable[[int], bool] = lambda _: False
 
-    def matches_of(image: pycolmap.Image) -> Matches:
-        return points_seen(model, image.image_id, pairs[image.image_id])
+    def of(self, image_ids: Collection[int]) -> list[str]:
+        """Replace poses by others that explain an image's matches better; returns the names of these images.
 
-    # A wrong pose makes those of its neighbours look wrong, but less so than itself.
-    gains = [(better_pose(image, matches_of(image))[0], image) for image in few]
-    changed = []
-    for gain, image in sorted(gains, key=lambda found: -found[0]):
-        if gain <= _LOWER_COST:
-            break
-        matches = matches_of(image)
-        gain, pose = better_pose(image, matches)
-        if gain > _LOWER_COST and _accept(model, image, pose, pairs[image.image_id], contradicts):
-            _drop_misfits(model, observations, image, rays)
-            _add_fitting(model, observations, image, matches)
-            changed.append(image.name)
-    return changed
+        Only of registered images that hang on few points, among those with the ``image_ids``. Observations
+        are replaced, too; bundle adjustment should follow.
+        """
+        model, seed = self.model, self.seed
+        registered = set(model.reg_image_ids())
+        few = [
+            image
+            for image_id in sorted(registered.intersection(image_ids))
+            if hangs_on_few_points(model, image := model.image(image_id))
+        ]
+        if not few:
+            return []
+        names = [image.name for image in few]
+        pairs = defaultdict(list)
+        for pair in read_verified_pairs(self.database, MIN_PAIR_MATCHES, names):
+            if registered.issuperset((pair.first, pair.second)):
+                pairs[pair.first].append(pair)
+                pairs[pair.second].append(pair)
+        expected, rays = self.expected_of(names), Rays(model)
+        sigma_px = max(error_sigma_px(model), MIN_SIGMA_PX)
+
+        def better_pose(image: pycolmap.Image, matches: Matches) -> tuple[float, RigidTransform]:
+            points = rays.points_of_others(image, matches)
+            problem = PoseProblem(*points, camera_of(image), sigma_px, expected.get(image.name))
+            return _better_pose(image, problem, seed)
+
+        def matches_of(image: pycolmap.Image) -> Matches:
+            return points_seen(model, image.image_id, pairs[image.image_id])
+
+        # A wrong pose makes those of its neighbours look wrong, but less so than itself.
+        gains = [(better_pose(image, matches_of(image))[0], image) for image in few]
+        changed = []
+        for gain, image in sorted(gains, key=lambda found: -found[0]):
+            if gain <= _LOWER_COST:
+                break
+            matches = matches_of(image)
+            gain, pose = better_pose(image, matches)
+            if gain > _LOWER_COST and self._accept(image, pose, pairs[image.image_id]):
+                _drop_misfits(model, self.observations, image, rays)
+                _add_fitting(model, self.observations, image, matches)
+                changed.append(image.name)
+        return changed
+
+    def _accept(self, image: pycolmap.Image, pose: RigidTransform, pairs: Sequence[VerifiedPair]) -> bool:
+        """Give an image another ``pose``, unless it explains clearly less or is contradicted alone."""
+        model, image_id = self.model, image.image_id
+        frame, present = model.frame(image.frame_id), rigid_from_pycolmap(image.cam_from_world())
+        explained, contradicted = _explained(model, pairs), self.contradicts(image_id)
+        frame.rig_from_world = rigid_to_pycolmap(pose)
+        enough = _explained(model, pairs) >= _STILL_EXPLAINED * explained
+        if enough and (contradicted or not self.contradicts(image_id)):
+            return True
+        frame.rig_from_world = rigid_to_pycolmap(present)
+        return False
 
 
-def _better_pose(
-    image: pycolmap.Image,
-    matches: Matches,
-    rays: Rays,
-    sigma_px: float,
-    expected: ExpectedPose | None,
-    seed: int,
-) -> tuple[float, RigidTransform]:
-    """The pose that explains the ``matches`` best, and by how much its cost is below that of the image's."""
+def _better_pose(image: pycolmap.Image, problem: PoseProblem, seed: int) -> tuple[float, RigidTransform]:
+    """The pose that solves the ``problem`` best, and by how much its cost is below that of the image's."""
     present = rigid_from_pycolmap(image.cam_from_world())
-    points, pixels = rays.points_of_others(image, matches)
-    if len(points) < MIN_POSE_POINTS:
+    if len(problem.points) < MIN_POSE_POINTS:
         return 0.0, present
-    given = points, pixels, camera_of(image), sigma_px, expected
-    best = best_pose(present, *given, seed)
-    return cost(present, *given) - cost(best, *given), best
-
-
-def _accept(
-    model: pycolmap.Reconstruction,
-    image: pycolmap.Image,
-    pose: RigidTransform,
-    pairs: Sequence[VerifiedPair],
-    contradicts: Callable[[int], bool],
-) -> bool:
-    """Give an image another ``pose``, unless it explains clearly less or something contradicts only it."""
-    frame, present = model.frame(image.frame_id), rigid_from_pycolmap(image.cam_from_world())
-    explained, contradicted = _explained(model, pairs), contradicts(image.image_id)
-    frame.rig_from_world = rigid_to_pycolmap(pose)
-    enough = _explained(model, pairs) >= _STILL_EXPLAINED * explained
-    if enough and (contradicted or not contradicts(image.image_id)):
-        return True
-    frame.rig_from_world = rigid_to_pycolmap(present)
-    return False
+    best = best_pose(present, problem, seed)
+    return problem.cost(present) - problem.cost(best), best
 
 
 def _explained(model: pycolmap.Reconstruction, pairs: Sequence[VerifiedPair]) -> int:

@@ -8,7 +8,7 @@ import pycolmap
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.colmap.model import rigid_from_pycolmap
-from fvs_engine.sfm.native.prior_pose import Array, ExpectedPose, cost, refine
+from fvs_engine.sfm.native.prior_pose import PoseProblem
 
 MIN_POSE_POINTS = 30
 """Minimum number of points for estimating a pose; COLMAP's own limit."""
@@ -25,44 +25,29 @@ COLMAP searches once, to 12 px. Matches that are a few pixels off then count as 
 _MIN_INLIER_RATIO = 0.1
 
 
-def best_pose(
-    start: RigidTransform,
-    points: Array,
-    pixels: Array,
-    camera: pycolmap.Camera,
-    sigma_px: float,
-    expected: ExpectedPose | None,
-    seed: int,
-) -> RigidTransform:
-    """The camera_from_model of the lowest robust ``cost``: ``start`` or one found by RANSAC, refined.
-
-    ``pixels`` [N, 2] are matched with ``points`` [N, 3]; right ones have errors of ``sigma_px`` per
-    coordinate.
-    """
+def best_pose(start: RigidTransform, problem: PoseProblem, seed: int) -> RigidTransform:
+    """The camera_from_model of the lowest robust cost: ``start`` or one found by RANSAC, refined."""
     # Beyond the reach of a strong distortion's model a pixel has no ray.
-    has_ray = np.isfinite(np.asarray(camera.cam_from_img(pixels))).all(axis=1)
+    has_ray = np.isfinite(np.asarray(problem.camera.cam_from_img(problem.pixels))).all(axis=1)
     if has_ray.sum() < MIN_POSE_POINTS:
         return start
-    points, pixels = points[has_ray], pixels[has_ray]
-    given = points, pixels, camera, sigma_px, expected
+    problem = problem.of(has_ray)
     poses = [start]
-    for pose in (start, *_found(points, pixels, camera, sigma_px, seed)):
+    for pose in (start, *_found(problem, seed)):
         try:
-            poses.append(refine(pose, *given))
+            poses.append(problem.refine(pose))
         except (InvalidInputError, np.linalg.LinAlgError):  # no point is ahead of it
             continue
-    return min(poses, key=lambda pose: cost(pose, *given))
+    return min(poses, key=problem.cost)
 
 
-def _found(
-    points: Array, pixels: Array, camera: pycolmap.Camera, sigma_px: float, seed: int
-) -> Iterator[RigidTransform]:
+def _found(problem: PoseProblem, seed: int) -> Iterator[RigidTransform]:
     """The pose that most matches agree with, for each limit of agreement."""
     for sigmas in _SEARCHES:
         options = pycolmap.AbsolutePoseEstimationOptions()
-        options.ransac.max_error = sigmas * sigma_px
+        options.ransac.max_error = sigmas * problem.noise_px
         options.ransac.min_inlier_ratio = _MIN_INLIER_RATIO
         options.ransac.random_seed = seed
-        answer = pycolmap.estimate_absolute_pose(pixels, points, camera, options)
+        answer = pycolmap.estimate_absolute_pose(problem.pixels, problem.points, problem.camera, options)
         if answer is not None:
             yield rigid_from_pycolmap(answer["cam_from_world"])

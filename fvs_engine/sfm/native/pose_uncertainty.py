@@ -16,7 +16,7 @@ from fvs_engine.sfm.colmap.model import rigid_from_pycolmap
 from fvs_engine.sfm.native.known_points import camera_of
 from fvs_engine.sfm.native.points_of_others import Rays, hangs_on_few_points, observations
 from fvs_engine.sfm.native.pose_search import MIN_SIGMA_PX
-from fvs_engine.sfm.native.prior_pose import Array, project, refine
+from fvs_engine.sfm.native.prior_pose import Array, PoseProblem, project
 from fvs_engine.sfm.native.robust_adjustment import MEDIAN_LENGTH
 
 MAX_SHARE = 0.02
@@ -72,14 +72,14 @@ def centre_sigma(
     noise_px = max(error_px / MEDIAN_LENGTH, MIN_SIGMA_PX)
     cells = np.floor(pixels / (camera.width, camera.height) * _CELLS) @ (_CELLS[1], 1)
     try:
-        pose = refine(camera_from_model, points, pixels, camera, noise_px, None)
+        problem = PoseProblem(points, pixels, camera, noise_px)
+        pose = problem.refine(camera_from_model)
         centres = []
         for cell in np.unique(cells):
             kept = cells != cell
             if kept.sum() < _LEAST_LEFT:
                 return np.inf
-            without = refine(pose, points[kept], pixels[kept], camera, noise_px, None)
-            centres.append(without.inverse().translation)
+            centres.append(problem.of(kept).refine(pose).inverse().translation)
     except (InvalidInputError, np.linalg.LinAlgError):  # no point is ahead of it
         return np.inf
     shifts = np.stack(centres) - pose.inverse().translation

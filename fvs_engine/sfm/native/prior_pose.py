@@ -1,7 +1,7 @@
 """The pose of an image from the points that it sees and its expected pose, both with errors."""
 
 from collections.abc import Iterable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pycolmap
@@ -95,82 +95,87 @@ def expected_poses(
     return {name: pose for name, pose in poses.items() if pose is not None}
 
 
-def refine(
-    camera_from_model: RigidTransform,
-    points: Array,
-    pixels: Array,
-    camera: pycolmap.Camera,
-    noise_px: float,
-    expected: ExpectedPose | None,
-) -> RigidTransform:
-    """Refine ``camera_from_model`` by the errors of points [N, 3] and the deviation from the prior.
+@dataclass(frozen=True, eq=False)
+class PoseProblem:
+    """What the pose of an image follows from: points that it sees, and its expected pose, if any.
 
-    ``pixels`` [N, 2] are the observations of the points, with the standard deviation ``noise_px`` per
-    coordinate. Points and priors that are off by more than three standard deviations are down-weighted
-    (Cauchy's loss).
+    ``pixels`` [N, 2] are the observations of ``points`` [N, 3], with the standard deviation ``noise_px`` per
+    coordinate.
     """
-    focal = float(camera.mean_focal_length())
-    seen = np.asarray(camera.cam_from_img(pixels)).reshape(-1, 2)
-    rotation, centre = camera_from_model.rotation, camera_from_model.inverse().translation
-    for _ in range(_ITERATIONS):
-        local = (points - centre) @ rotation.T
-        ahead = local[:, 2] > 1e-9
-        x, y, z = local[ahead].T
-        unit = focal / noise_px
-        errors = unit * (np.stack([x / z, y / z], axis=1) - seen[ahead])
-        weights = 1.0 / (1.0 + (errors**2).sum(axis=1) / _DOUBTED_SIGMAS**2)
-        zero = np.zeros_like(z)
-        by_local = (unit / z)[:, None, None] * np.stack(
-            [np.stack([zero + 1, zero, -x / z], axis=1), np.stack([zero, zero + 1, -y / z], axis=1)], axis=1
-        )
-        by_turn = -np.einsum("nij,njk->nik", by_local, _cross(local[ahead]))
-        by_shift = -by_local @ rotation
-        slopes = np.concatenate([by_turn, by_shift], axis=2)
-        normal = np.einsum("n,nij,nik->jk", weights, slopes, slopes)
-        gradient = np.einsum("n,nij,ni->j", weights, slopes, errors)
+
+    points: Array
+    pixels: Array
+    camera: pycolmap.Camera
+    noise_px: float
+    expected: ExpectedPose | None = None
+
+    def of(self, which: NDArray[np.bool_]) -> "PoseProblem":
+        """The same with some of the points."""
+        return replace(self, points=self.points[which], pixels=self.pixels[which])
+
+    def refine(self, camera_from_model: RigidTransform) -> RigidTransform:
+        """Refine ``camera_from_model`` by the errors of the points and the deviation from the prior.
+
+        Points and priors that are off by more than three standard deviations are down-weighted (Cauchy's
+        loss).
+        """
+        focal = float(self.camera.mean_focal_length())
+        seen = np.asarray(self.camera.cam_from_img(self.pixels)).reshape(-1, 2)
+        expected = self.expected
+        rotation, centre = camera_from_model.rotation, camera_from_model.inverse().translation
+        for _ in range(_ITERATIONS):
+            local = (self.points - centre) @ rotation.T
+            ahead = local[:, 2] > 1e-9
+            x, y, z = local[ahead].T
+            unit = focal / self.noise_px
+            errors = unit * (np.stack([x / z, y / z], axis=1) - seen[ahead])
+            weights = 1.0 / (1.0 + (errors**2).sum(axis=1) / _DOUBTED_SIGMAS**2)
+            zero = np.zeros_like(z)
+            by_local = (unit / z)[:, None, None] * np.stack(
+                [np.stack([zero + 1, zero, -x / z], axis=1), np.stack([zero, zero + 1, -y / z], axis=1)],
+                axis=1,
+            )
+            by_turn = -np.einsum("nij,njk->nik", by_local, _cross(local[ahead]))
+            by_shift = -by_local @ rotation
+            slopes = np.concatenate([by_turn, by_shift], axis=2)
+            normal = np.einsum("n,nij,nik->jk", weights, slopes, slopes)
+            gradient = np.einsum("n,nij,ni->j", weights, slopes, errors)
+            if expected is not None:
+                turned = rotation_vector(rotation @ expected.camera_from_model.rotation.T)
+                turn_error = turned / expected.orientation_sigma
+                shift_error = (centre - expected.centre) / expected.position_sigma
+                for error, sigma, part in (
+                    (turn_error, expected.orientation_sigma, slice(0, 3)),
+                    (shift_error, expected.position_sigma, slice(3, 6)),
+                ):
+                    weight = 1.0 / (1.0 + float(error @ error) / _DOUBTED_SIGMAS**2)
+                    normal[part, part] += weight / sigma**2 * np.eye(3)
+                    gradient[part] += weight / sigma * error
+            scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
+            step = -np.linalg.solve(normal / np.outer(scale, scale) + _DAMPING * np.eye(6), gradient / scale)
+            step /= scale
+            rotation = matrix_from_rotation_vector(step[:3]) @ rotation
+            centre = centre + step[3:]
+            if float(np.linalg.norm(scale * step)) < 1e-3:
+                break
+        return RigidTransform(rotation, -rotation @ centre)
+
+    def cost(self, camera_from_model: RigidTransform) -> float:
+        """The sum that ``refine`` minimises: Cauchy's losses of points and prior, divided by 9 / 2.
+
+        A point behind the camera counts as one far off.
+        """
+        pixel, depth = project(self.camera, camera_from_model, self.points)
+        squares = np.full(len(self.points), _BEHIND)
+        ahead = (depth > 1e-9) & np.isfinite(pixel).all(axis=1)
+        squares[ahead] = ((pixel[ahead] - self.pixels[ahead]) ** 2).sum(axis=1) / self.noise_px**2
+        expected = self.expected
         if expected is not None:
-            turned = rotation_vector(rotation @ expected.camera_from_model.rotation.T)
-            turn_error = turned / expected.orientation_sigma
-            shift_error = (centre - expected.centre) / expected.position_sigma
-            for error, sigma, part in (
-                (turn_error, expected.orientation_sigma, slice(0, 3)),
-                (shift_error, expected.position_sigma, slice(3, 6)),
-            ):
-                weight = 1.0 / (1.0 + float(error @ error) / _DOUBTED_SIGMAS**2)
-                normal[part, part] += weight / sigma**2 * np.eye(3)
-                gradient[part] += weight / sigma * error
-        scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-        step = -np.linalg.solve(normal / np.outer(scale, scale) + _DAMPING * np.eye(6), gradient / scale)
-        step /= scale
-        rotation = matrix_from_rotation_vector(step[:3]) @ rotation
-        centre = centre + step[3:]
-        if float(np.linalg.norm(scale * step)) < 1e-3:
-            break
-    return RigidTransform(rotation, -rotation @ centre)
-
-
-def cost(
-    camera_from_model: RigidTransform,
-    points: Array,
-    pixels: Array,
-    camera: pycolmap.Camera,
-    noise_px: float,
-    expected: ExpectedPose | None,
-) -> float:
-    """The sum that ``refine`` minimises: Cauchy's losses of points and prior, divided by 9 / 2.
-
-    A point behind the camera counts as one far off.
-    """
-    pixel, depth = project(camera, camera_from_model, points)
-    squares = np.full(len(points), _BEHIND)
-    ahead = (depth > 1e-9) & np.isfinite(pixel).all(axis=1)
-    squares[ahead] = ((pixel[ahead] - pixels[ahead]) ** 2).sum(axis=1) / noise_px**2
-    if expected is not None:
-        turn = rotation_vector(camera_from_model.rotation @ expected.camera_from_model.rotation.T)
-        shift = camera_from_model.inverse().translation - expected.centre
-        deviations = (turn / expected.orientation_sigma, shift / expected.position_sigma)
-        squares = np.append(squares, [float(error @ error) for error in deviations])
-    return float(np.log1p(squares / _DOUBTED_SIGMAS**2).sum())
+            turn = rotation_vector(camera_from_model.rotation @ expected.camera_from_model.rotation.T)
+            shift = camera_from_model.inverse().translation - expected.centre
+            deviations = (turn / expected.orientation_sigma, shift / expected.position_sigma)
+            squares = np.append(squares, [float(error @ error) for error in deviations])
+        return float(np.log1p(squares / _DOUBTED_SIGMAS**2).sum())
 
 
 def project(camera: pycolmap.Camera, camera_from_model: RigidTransform, points: Array) -> tuple[Array, Array]:

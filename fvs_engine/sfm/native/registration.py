@@ -4,7 +4,6 @@ from collections import Counter
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pycolmap
@@ -12,12 +11,12 @@ import pycolmap
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.alignment.cameras import align_poses
-from fvs_engine.sfm.answers import Registration
 from fvs_engine.sfm.colmap.model import camera_poses, move
+from fvs_engine.sfm.jobs import RegisterImages, Registration
 from fvs_engine.sfm.native.match_cache import load_all, load_around, set_cameras
 from fvs_engine.sfm.native.points_of_others import Rays
 from fvs_engine.sfm.native.pose_check import PoseCheck
-from fvs_engine.sfm.native.pose_review import review_poses
+from fvs_engine.sfm.native.pose_review import PoseReview
 from fvs_engine.sfm.native.pose_uncertainty import MAX_SHARE, position_share, why_uncertain
 from fvs_engine.sfm.native.prior_adjustment import adjust_with_priors
 from fvs_engine.sfm.native.prior_pose import expected_poses
@@ -52,57 +51,26 @@ class Adjustments:
         )
 
 
-def register(
-    report: Report,
-    *,
-    database: str,
-    image_dir: str,
-    model_dir: str,
-    out_dir: str,
-    names: list[str],
-    refine: bool,
-    lens: bool,
-    priors: dict[str, Any],
-    min_image_support: float,
-    adjust_every: float,
-    adjusted_images: int,
-    adjusted_points: int,
-    seed: int,
-    threads: int | None,
-    two_view_points: bool = False,
-) -> Registration:
-    """Register ``names`` in the model as far as possible; writes the new model to ``out_dir``.
-
-    ``refine`` and ``lens`` as for ``RobustAdjustment``. ``priors`` are ``PosePriors`` as JSON.
-    ``two_view_points``: triangulate points that only two images show, too.
-    """
-    pycolmap.set_random_seed(seed)
-    model = pycolmap.Reconstruction(model_dir)
+def register(request: RegisterImages, report: Report) -> Registration:
+    """See ``RegisterImages``."""
+    pycolmap.set_random_seed(request.seed)
+    model, names = pycolmap.Reconstruction(request.model_dir), request.names
     old_points = set(model.point3D_ids())
-    images = {image.name for image in model.images.values()} | set(names)
-    growth = _Growth(
-        model,
-        load_around(Path(database), images, names, model),
-        _pipeline_options(refine, seed, threads, two_view_points),
-        PoseCheck.read(database, min_image_support, PosePriors.model_validate(priors), around=names),
-        database=Path(database),
-        names=images,
-        lens=lens,
-    )
-    adjustments = Adjustments(adjust_every, adjusted_images, adjusted_points)
+    growth = Growth.begin(model, request)
+    adjustments = Adjustments(request.adjust_every, request.adjusted_images, request.adjusted_points)
     for number in growth.register(names):
         report(number)
         if adjustments.due(model):
             growth.adjust_all()
-            adjustments = Adjustments(adjust_every, model.num_reg_images(), model.num_points3D())
+            adjustments = Adjustments(request.adjust_every, model.num_reg_images(), model.num_points3D())
     growth.review_new()
     growth.mapper.end_reconstruction(False)
     growth.check_new()
     posed = {image.name: image.image_id for image in model.images.values() if image.has_pose}
     registered = [name for name in growth.registered if name in posed]
-    color_points(model, image_dir, old_points, {posed[name] for name in registered})
+    color_points(model, request.image_dir, old_points, {posed[name] for name in registered})
     model.update_point_3d_errors()
-    model.write_binary(out_dir)
+    model.write_binary(request.out_dir)
     loose = growth.check.loosely_linked(model) if registered else frozenset()
     return Registration(
         registered=registered,
@@ -113,46 +81,37 @@ def register(
         rejected=growth.rejected,
         adjusted_images=min(adjustments.images, model.num_reg_images()),
         adjusted_points=adjustments.points,
-        match_support=PoseCheck.read(database, min_image_support, PosePriors()).match_support(model)
-        if growth.adjusted
-        else None,
+        match_support=growth.match_support() if growth.adjusted else None,
     )
 
 
-def _pipeline_options(
-    refine: bool, seed: int, threads: int | None, two_view_points: bool
-) -> pycolmap.IncrementalPipelineOptions:
-    options = pycolmap.IncrementalPipelineOptions()
-    options.triangulation.ignore_two_view_tracks = not two_view_points
-    options.random_seed = seed
-    options.num_threads = -1 if threads is None else threads
+def _pipeline_options(request: RegisterImages) -> pycolmap.IncrementalPipelineOptions:
+    options, refine = pycolmap.IncrementalPipelineOptions(), request.refine
+    options.triangulation.ignore_two_view_tracks = not request.two_view_points
+    options.random_seed = request.seed
+    options.num_threads = -1 if request.threads is None else request.threads
     options.ba_refine_focal_length = options.ba_refine_extra_params = refine
     options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = refine
     return options
 
 
-class _Growth:
-    """COLMAP's incremental mapper on an existing model.
+class Growth:
+    """COLMAP's incremental mapper on an existing model, to which images of a ``request`` are added.
 
-    ``cache`` has the matches around the new images, which suffices until all are adjusted. ``names`` are all
-    images, ``database`` has all their matches.
+    ``cache`` has the matches around the new images, which suffices until all are adjusted.
     """
 
     def __init__(
         self,
         model: pycolmap.Reconstruction,
+        request: RegisterImages,
         cache: pycolmap.DatabaseCache,
-        options: pycolmap.IncrementalPipelineOptions,
         check: PoseCheck,
-        *,
-        database: Path,
-        names: Collection[str],
-        lens: bool,
     ) -> None:
         self.model = model
-        self._database = database
-        self._names = names
-        self._lens = lens
+        self._database = request.database
+        self._names = {image.name for image in model.images.values()} | set(request.names)
+        self._lens = request.lens
         self.registered: list[str] = []
         self.rejected: dict[str, str] = {}
         self.check = check
@@ -161,11 +120,27 @@ class _Growth:
         self._rejections: Counter[str] = Counter()
         self._rejected_now: set[str] = set()
         self._cache = cache
-        self._options = options
+        self._options = options = _pipeline_options(request)
         self.mapper = self._begin()
         # The intrinsics of a known camera do not change for one more image; those of a new camera do.
         self._local = options.get_mapper()
         self._local.constant_cameras = {image.camera_id for image in model.images.values() if image.has_pose}
+
+    @staticmethod
+    def begin(model: pycolmap.Reconstruction, request: RegisterImages) -> "Growth":
+        """The growth by the images of a request, with the matches around them."""
+        names = {image.name for image in model.images.values()} | set(request.names)
+        cache = load_around(request.database, names, request.names, model)
+        check = PoseCheck.read(
+            request.database, request.min_image_support, request.priors, around=request.names
+        )
+        return Growth(model, request, cache, check)
+
+    def match_support(self) -> float | None:
+        """Share of all verified matches that the model explains; None without matches."""
+        return PoseCheck.read(self._database, self.check.min_image_support, PosePriors()).match_support(
+            self.model
+        )
 
     def register(self, names: Sequence[str]) -> Iterator[int]:
         """Register as many as possible, in COLMAP's order; yields their number after each one."""
@@ -233,15 +208,15 @@ class _Growth:
     def _review(self, poses: Mapping[str, RigidTransform], image_ids: Collection[int]) -> list[str]:
         """See ``review_poses``; ``poses`` are those of the model."""
         priors = self.check.priors
-        return review_poses(
+        review = PoseReview(
             self.model,
             self.mapper.observation_manager,
             self._database,
-            image_ids,
             self._options.random_seed,
             lambda names: expected_poses(names, priors, believed_frame(priors, poses)),
             lambda image_id: self.check.contradiction(self.model, image_id) is not None,
         )
+        return review.of(image_ids)
 
     def _adjust_robustly(self, before: Mapping[str, RigidTransform]) -> None:
         """Adjust all cameras and points, also to priors, and align them with the poses ``before``."""
@@ -331,7 +306,7 @@ class _Growth:
 
 
 def color_points(
-    model: pycolmap.Reconstruction, image_dir: str, old_points: Collection[int], new: Collection[int]
+    model: pycolmap.Reconstruction, image_dir: Path, old_points: Collection[int], new: Collection[int]
 ) -> None:
     """Colour points other than ``old_points``, each from a ``new`` image that shows it, else from the first.
 

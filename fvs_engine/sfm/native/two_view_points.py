@@ -6,31 +6,26 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
+from fvs_engine.sfm.jobs import FindTwoViewPoints
 from fvs_engine.sfm.native.match_cache import load_all
 from fvs_engine.sfm.native.report import Report
 
 
-def two_view_points(_report: Report, *, database: str, model_dir: str, target: str) -> int:
-    """Triangulate the points that only two images of ``model_dir`` show; returns their number.
-
-    Points with an error that COLMAP's mappers do not accept are left out. Writes ``xyz`` [P, 3] and
-    ``seen_in`` [P], the name of one of the two images, to ``target`` (npz).
-    """
-    model = pycolmap.Reconstruction(model_dir)
+def two_view_points(request: FindTwoViewPoints, _report: Report) -> None:
+    """See ``FindTwoViewPoints``; points with an error that COLMAP's mappers do not accept are left out."""
+    model = pycolmap.Reconstruction(request.model_dir)
     old = set(model.point3D_ids())
-    add_two_view_points(
-        model, Path(database), sorted(image.name for image in model.images.values() if image.has_pose)
-    )
+    registered = sorted(image.name for image in model.images.values() if image.has_pose)
+    add_two_view_points(model, request.database, registered)
     model.update_point_3d_errors()
     points = (model.point3D(point_id) for point_id in sorted(model.point3D_ids() - old))
     largest = pycolmap.IncrementalMapperOptions().filter_max_reproj_error
     added = [point for point in points if point.track.length() == 2 and point.error <= largest]
     np.savez(
-        target,
+        request.target,
         xyz=np.array([point.xyz for point in added]).reshape(-1, 3),
         seen_in=np.array([model.image(point.track.elements[0].image_id).name for point in added], dtype=str),
     )
-    return len(added)
 
 
 def add_two_view_points(model: pycolmap.Reconstruction, database: Path, names: Sequence[str]) -> None:

@@ -2,14 +2,12 @@
 
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pycolmap
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components
 
-from fvs_engine.sfm.answers import PairVeto
 from fvs_engine.sfm.colmap.database import (
     VerifiedPair,
     image_cameras,
@@ -19,9 +17,10 @@ from fvs_engine.sfm.colmap.database import (
     veto_pairs,
 )
 from fvs_engine.sfm.colmap.model import camera_poses
+from fvs_engine.sfm.jobs import PairVeto, VetoPairs
 from fvs_engine.sfm.native.report import Report
 from fvs_engine.sfm.pose_priors import PosePriors
-from fvs_engine.sfm.verification.contradicted_pairs import contradicted_pairs
+from fvs_engine.sfm.verification.contradicted_pairs import KnownCameras, contradicted_pairs
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
 from fvs_engine.sfm.verification.positions import contradict, informative
 from fvs_engine.sfm.verification.prior_frame import believed_frame, orientations_contradict
@@ -31,17 +30,14 @@ _MOST_PAIRS = 60
 """Maximum number of pairs to check: more do not improve the estimate, and each takes 10 ms."""
 
 
-def veto(
-    _report: Report, *, database: str, model_dir: str, names: list[str], priors: dict[str, Any]
-) -> PairVeto:
-    """Veto pairs of ``names``, images that are not in the model, which ``priors`` (as JSON) contradict."""
-    model = pycolmap.Reconstruction(model_dir)
+def veto(request: VetoPairs, _report: Report) -> PairVeto:
+    """See ``VetoPairs``."""
+    model = pycolmap.Reconstruction(request.model_dir)
     poses = camera_poses(model)
-    known = PosePriors.model_validate(priors)
+    path, names, known = request.database, request.names, request.priors
     frame = believed_frame(known, poses)
     oriented = not orientations_contradict(known, poses)
     judges = informative(known, {name: pose.translation for name, pose in poses.items()})
-    path = Path(database)
     every = read_verified_pairs(path, MIN_PAIR_MATCHES)
     if frame is None:
         support = _support(model, every, path, known)
@@ -59,9 +55,7 @@ def veto(
     vetoed = contradicted_pairs(
         pairs,
         read_keypoints(path, {i for pair in pairs for i in (pair.first, pair.second)}),
-        {number: name for name, number in ids.items()},
-        cameras,
-        poses,
+        KnownCameras({number: name for name, number in ids.items()}, cameras, poses),
         known,
         frame,
     )

@@ -30,21 +30,32 @@ class _Orientation:
     sigma_deg: float
 
 
+@dataclass(frozen=True, eq=False)
+class KnownCameras:
+    """What is known of the cameras of images.
+
+    ``names`` and ``intrinsics`` map image ids to names and to cameras with known intrinsics; guessed ones
+    would give wrong directions. ``poses`` maps the names of registered images to model_from_camera.
+    """
+
+    names: Mapping[int, str]
+    intrinsics: Mapping[int, pycolmap.Camera]
+    poses: Mapping[str, RigidTransform]
+
+
 def contradicted_pairs(
     pairs: Sequence[VerifiedPair],
     keypoints: Mapping[int, Array],
-    names: Mapping[int, str],
-    cameras: Mapping[int, pycolmap.Camera],
-    poses: Mapping[str, RigidTransform],
+    known: KnownCameras,
     priors: PosePriors,
     frame: PriorFrame,
 ) -> list[VerifiedPair]:
     """Those of ``pairs`` whose baselines the position priors contradict.
 
     Tested are the pairs of an image that is not registered, if the orientation of one of the two is known:
-    by its pose in ``poses`` (model_from_camera), or by its prior. ``names`` and ``cameras`` map image ids to
-    names and to cameras with known intrinsics; guessed ones would give wrong directions.
+    by its pose, or by its prior.
     """
+    names, cameras, poses = known.names, known.intrinsics, known.poses
     found = []
     for pair in pairs:
         first, second = names[pair.first], names[pair.second]
@@ -52,13 +63,13 @@ def contradicted_pairs(
             continue
         if not {first, second} <= priors.by_name.keys() or not {pair.first, pair.second} <= cameras.keys():
             continue
-        known = [_orientation(name, poses, priors, frame) for name in (first, second)]
-        if known[0] is None and known[1] is None:
+        turned = [_orientation(name, poses, priors, frame) for name in (first, second)]
+        if turned[0] is None and turned[1] is None:
             continue
         second_from_first = relative_pose(pair, cameras[pair.first], cameras[pair.second], keypoints)
         if second_from_first is None:
             continue
-        baseline, sigma_deg = _baseline(second_from_first, *known)
+        baseline, sigma_deg = _baseline(second_from_first, *turned)
         start, end = priors.positions([first, second])
         expected = end - start
         sigma = np.maximum(priors.position_sigmas([first, second]).max(keepdims=True), frame.position_noise)

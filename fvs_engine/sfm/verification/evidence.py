@@ -4,12 +4,14 @@ A mapper minimises the error of the matches that it kept; it reports a good fit 
 that contradict it. So every verified match of every pair is checked again here.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence, Set
+from dataclasses import dataclass, field
 
 import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
@@ -28,50 +30,61 @@ _MAX_DIRECTION_DEG = 15.0
 _MAX_TRIPLETS = 20_000
 
 
-def gather_evidence(
-    model: pycolmap.Reconstruction,
-    pairs: Sequence[VerifiedPair],
-    keypoints: Mapping[int, Array],
-    priors: PosePriors,
-    focal_priors: Mapping[int, float],
-    on_pair: Callable[[], None] | None = None,
-) -> Evidence | None:
-    """The evidence for ``model`` of pairs and priors; None when no verified pair lies within it.
+@dataclass(frozen=True, eq=False)
+class ModelEvidence:
+    """Evidence inputs for any model: verified pairs, keypoints [K, 2] in px by image id, position priors.
 
-    ``focal_priors`` are focal lengths in px by camera id.
-    It takes 10 ms per pair; ``on_pair`` is called before each and may raise to stop.
+    ``focal_priors`` are the focal lengths in px that EXIF or the user gave, by camera id.
     """
-    checks = check_pairs(model, pairs, keypoints, on_pair=on_pair)
-    if not checks:
-        return None
-    posed = [image for image in model.images.values() if image.has_pose]
-    centres = {image.name: np.asarray(image.projection_center()) for image in posed}
-    links = Links.of(model, checks)
-    names = {image.image_id: image.name for image in posed}
-    scale = Scale.of(names, depth_ratios(model, pairs, keypoints))
-    return Evidence(
-        pairs=len(checks),
-        matches=sum(check.matches for check in checks),
-        match_support=_match_support(checks),
-        rotation_support=_rotation_support(checks),
-        translation_support=_translation_support(checks),
-        cycle_consistency=cycle_consistency(checks),
-        unsupported_images=tuple(sorted(links.contradicted | links.unconnected)),
-        loosely_linked_images=tuple(sorted(links.loose)),
-        misscaled_images=tuple(sorted(scale.contradicted)),
-        unscaled_images=tuple(sorted(scale.open)),
-        conflicting_views=conflicting_views(model, pairs, keypoints, on_pair),
-        unlikely_focal_lengths_px=unlikely_focal_lengths(model, focal_priors),
-        misplaced_images=tuple(sorted(misplaced(priors, centres))),
-        images_without_prior=tuple(sorted(centres.keys() - priors.by_name.keys())) if priors.by_name else (),
-        prior_residual_share=residual_share(priors, centres),
-        prior_support=prior_support(
-            checks,
-            names,
-            {image.image_id: image.cam_from_world().rotation.matrix().T for image in posed},
-            priors,
-        ),
-    )
+
+    pairs: Sequence[VerifiedPair]
+    keypoints: Mapping[int, Array]
+    priors: PosePriors
+    focal_priors: Mapping[int, float] = field(default_factory=dict)
+
+    def of(self, model: pycolmap.Reconstruction, monitor: Monitor) -> Evidence | None:
+        """The evidence for ``model``; None when no verified pair lies within it. It takes 10 ms per pair."""
+        pairs, keypoints, priors = self.pairs, self.keypoints, self.priors
+        checks = check_pairs(model, pairs, keypoints, on_pair=monitor.check)
+        if not checks:
+            return None
+        posed = [image for image in model.images.values() if image.has_pose]
+        centres = {image.name: np.asarray(image.projection_center()) for image in posed}
+        links = Links.of(model, checks)
+        names = {image.image_id: image.name for image in posed}
+        scale = Scale.of(names, depth_ratios(model, pairs, keypoints))
+        return Evidence(
+            pairs=len(checks),
+            matches=sum(check.matches for check in checks),
+            match_support=_match_support(checks),
+            rotation_support=_rotation_support(checks),
+            translation_support=_translation_support(checks),
+            cycle_consistency=cycle_consistency(checks),
+            unsupported_images=tuple(sorted(links.contradicted | links.unconnected)),
+            loosely_linked_images=tuple(sorted(links.loose)),
+            misscaled_images=tuple(sorted(scale.contradicted)),
+            unscaled_images=tuple(sorted(scale.open)),
+            conflicting_views=conflicting_views(model, pairs, keypoints, monitor.check),
+            unlikely_focal_lengths_px=unlikely_focal_lengths(model, self.focal_priors),
+            misplaced_images=tuple(sorted(misplaced(priors, centres))),
+            images_without_prior=tuple(sorted(centres.keys() - priors.by_name.keys()))
+            if priors.by_name
+            else (),
+            prior_residual_share=residual_share(priors, centres),
+            prior_support=prior_support(
+                checks,
+                names,
+                {image.image_id: image.cam_from_world().rotation.matrix().T for image in posed},
+                priors,
+            ),
+        )
+
+    def matches_explained(self, model: pycolmap.Reconstruction, names: Set[str]) -> int:
+        """Number of the verified matches between the images ``names`` that fit their poses in ``model``."""
+        ids = {image_id for image_id, image in model.images.items() if image.name in names}
+        pairs = [pair for pair in self.pairs if pair.first in ids and pair.second in ids]
+        checks = check_pairs(model, pairs, self.keypoints, relative_poses=False)
+        return sum(check.supported for check in checks)
 
 
 def cycle_consistency(checks: Sequence[PairCheck]) -> float | None:

@@ -93,10 +93,11 @@ def decide(models: Sequence[JudgedModel], settings: GateSettings) -> Decision:
     evidence = models[best].evidence
     if evidence is not None and priors_are_wrong(evidence):
         warnings.append(PRIORS_IGNORED)
-    rival = _rival(best, usable, models, judgements, agreements, settings)
+    as_good = [models[i] for i in usable if judgements[i].verdict == judgements[best].verdict]
+    rival = next((model for model in as_good if _rivals(model, models[best], agreements, settings)), None)
     if rival is not None:
         reason = (
-            f"The {models[rival].mapper} mapper found another model that the matches support as well; "
+            f"The {rival.mapper} mapper found another model that the matches support as well; "
             "at least one of them is wrong."
         )
         judgements[best] = Judgement("doubtful", (*judgements[best].reasons, reason))
@@ -292,27 +293,16 @@ def _rank(model: JudgedModel, judgement: Judgement) -> float:
     return explained if judgement.verdict == "accepted" else _DOUBT * explained
 
 
-def _rival(
-    best: int,
-    usable: Sequence[int],
-    models: Sequence[JudgedModel],
-    judgements: Sequence[Judgement],
-    agreements: Sequence[Agreement],
-    settings: GateSettings,
-) -> int | None:
-    """A usable model that contradicts the best one and is as well supported."""
-    for i in usable:
-        names = {models[best].mapper, models[i].mapper}
-        contradicts = any(
-            set(agreement.mappers) == names and agreement.median_share > settings.max_disagreement
-            for agreement in agreements
-        )
-        ours, theirs = models[best].evidence, models[i].evidence
-        assert ours is not None
-        assert theirs is not None
-        as_good = judgements[i].verdict == judgements[best].verdict and (
-            theirs.match_support >= ours.match_support - _CLOSE_SUPPORT
-        )
-        if i != best and contradicts and as_good:
-            return i
-    return None
+def _rivals(
+    other: JudgedModel, best: JudgedModel, agreements: Sequence[Agreement], settings: GateSettings
+) -> bool:
+    """Whether a model contradicts the ``best`` one and the matches support it as well."""
+    contradicts = any(
+        set(agreement.mappers) == {best.mapper, other.mapper}
+        and agreement.median_share > settings.max_disagreement
+        for agreement in agreements
+    )
+    ours, theirs = best.evidence, other.evidence
+    assert ours is not None
+    assert theirs is not None
+    return contradicts and theirs.match_support >= ours.match_support - _CLOSE_SUPPORT

@@ -1,7 +1,6 @@
 """Cameras made elsewhere: kermit's own, written as a transforms.json and as a COLMAP model without points."""
 
 import json
-from collections.abc import Mapping
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -20,6 +19,7 @@ from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.sfm.batch import undistort
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.model import write_colmap
+from fvs_engine.sfm.jobs import UndistortImages
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.views import AnyView
 
@@ -148,10 +148,10 @@ def test_a_photograph_that_kills_the_undistortion_is_left_out(
     )
     run_here = undistort.run_native
 
-    def run(job: str, arguments: Mapping[str, Any], *rest: Any, **options: Any) -> Any:
-        if deadly in arguments["names"]:
+    def run(request: UndistortImages, *rest: Any, **options: Any) -> Any:
+        if deadly in request.names:
             raise ProcessDiedError("It died.", how="signal SIGSEGV", crashed=True)
-        return run_here(job, arguments, *rest, **options)
+        return run_here(request, *rest, **options)
 
     monkeypatch.setattr(undistort, "run_native", run)
     warnings: list[str] = []

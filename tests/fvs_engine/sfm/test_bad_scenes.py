@@ -25,7 +25,7 @@ from fvs_engine.lab.simulate import (
 from fvs_engine.lab.simulate.textures import dead_leaves
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
-from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.pose_priors import ImageSet, PosePriors
 from fvs_engine.sfm.settings import SfmSettings
 
 pytestmark = [pytest.mark.slow, pytest.mark.process, pytest.mark.timeout(900)]
@@ -62,7 +62,9 @@ def gathered(folder: Path, photographs: Sequence[Path], *, exif: bool = True) ->
 
 def reconstructed(tmp_path: Path, photographs: Sequence[Path], *, exif: bool = True) -> SfmResult:
     folder, names = gathered(tmp_path / "images", photographs, exif=exif)
-    return reconstruct(folder, names, tmp_path / "sfm", SfmSettings(threads=1), Monitor(), PosePriors())
+    return reconstruct(
+        ImageSet(folder, names, PosePriors()), tmp_path / "sfm", SfmSettings(threads=1), Monitor()
+    )
 
 
 def largest_error(result: SfmResult, truth: Centres) -> float:

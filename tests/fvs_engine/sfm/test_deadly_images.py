@@ -1,7 +1,7 @@
 """An image on which a stage dies is found and left out, whatever the stage."""
 
 import shutil
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -18,6 +18,14 @@ from fvs_engine.sfm.batch.undistort import undistort
 from fvs_engine.sfm.colmap.imports import import_transforms_json
 from fvs_engine.sfm.colmap.model import open_colmap
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
+from fvs_engine.sfm.jobs import (
+    CalibrateViewGraph,
+    LocaliseImages,
+    Request,
+    TriangulatePoints,
+    UndistortImages,
+)
+from fvs_engine.sfm.pose_priors import ImageSet
 from fvs_engine.sfm.quarantine import CulpritError
 from fvs_engine.sfm.settings import SfmSettings
 
@@ -38,7 +46,7 @@ def found(
     tmp_path_factory: pytest.TempPathFactory,
     all_native_here: None,  # noqa: ARG001
 ) -> SfmResult:
-    return reconstruct(images, NAMES, tmp_path_factory.mktemp("found") / "sfm", SETTINGS, Monitor())
+    return reconstruct(ImageSet(images, NAMES), tmp_path_factory.mktemp("found") / "sfm", SETTINGS, Monitor())
 
 
 @pytest.fixture
@@ -49,13 +57,13 @@ def dying(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Sequence[str]]]
         runs: list[Sequence[str]] = []
         run_here = stages.run_native
 
-        def run(job: str, arguments: Mapping[str, Any], *rest: Any, **options: Any) -> Any:
-            if job == deadly_job:
-                runs.append(_images_of(job, arguments))
+        def run(request: Request[Any], *rest: Any, **options: Any) -> Any:
+            if request.job == deadly_job:
+                runs.append(_images_of(request))
                 if image in runs[-1]:
-                    how = "signal SIGSEGV"
-                    raise ProcessDiedError(f"The process of stage {job!r} died.", how=how, crashed=True)
-            return run_here(job, arguments, *rest, **options)
+                    message, how = f"The process of stage {deadly_job!r} died.", "signal SIGSEGV"
+                    raise ProcessDiedError(message, how=how, crashed=True)
+            return run_here(request, *rest, **options)
 
         monkeypatch.setattr(stages, "run_native", run)
         monkeypatch.setattr(undistortion, "run_native", run)
@@ -64,15 +72,15 @@ def dying(monkeypatch: pytest.MonkeyPatch) -> Callable[..., list[Sequence[str]]]
     return make
 
 
-def _images_of(job: str, arguments: Mapping[str, Any]) -> Sequence[str]:
-    match job:
-        case "triangulate":
-            return [image.name for image in open_colmap(Path(arguments["model_dir"])).images.values()]
-        case "localise":
-            return list(arguments["neighbours"])
-        case _:
-            names: list[str] = arguments["names"]
-            return names
+def _images_of(request: Request[Any]) -> Sequence[str]:
+    match request:
+        case TriangulatePoints():
+            return [image.name for image in open_colmap(request.model_dir).images.values()]
+        case LocaliseImages():
+            return list(request.neighbours)
+        case CalibrateViewGraph() | UndistortImages():
+            return list(request.names)
+    raise AssertionError(request)
 
 
 def test_calibration(images: Path, found: SfmResult, tmp_path: Path, dying: Any) -> None:
@@ -80,7 +88,7 @@ def test_calibration(images: Path, found: SfmResult, tmp_path: Path, dying: Any)
     (tmp_path / "sfm" / "report.json").unlink()
     runs = dying("calibrate")
     global_first = SETTINGS.model_copy(update={"incremental_first_up_to": 0})
-    result = reconstruct(images, NAMES, tmp_path / "sfm", global_first, Monitor())
+    result = reconstruct(ImageSet(images, NAMES), tmp_path / "sfm", global_first, Monitor())
     assert {view.name for view in result.reconstruction.views} == set(NAMES) - {DEADLY}
     assert any(line.startswith(f"{DEADLY} is quarantined") for line in result.report.warnings)
     assert [DEADLY] in runs

@@ -22,10 +22,14 @@ from fvs_engine.errors import Cancelled, NoProcessError, ProcessDiedError, Recon
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm import native_process
 from fvs_engine.sfm.culprit import run_or_accuse
+from fvs_engine.sfm.jobs import CalibrateViewGraph, CopyFeatures, MatchPairs, UndistortImages, VetoPairs
 from fvs_engine.sfm.native_process import run_native
+from fvs_engine.sfm.pose_priors import PosePriors
 
 CHILD = [sys.executable, "-m", "fvs_engine.sfm.native.child"]
 SOON_S = 60.0
+ANY = CopyFeatures(source=Path("source.db"), target=Path("target.db"), names=())
+"""The request of a job that gets no process, or one that does something else."""
 
 
 def run_child(parent: int, order: bytes) -> tuple[int, bytes]:
@@ -50,15 +54,11 @@ def use_child(monkeypatch: pytest.MonkeyPatch, code: str) -> None:
 
 def failed_job(tmp_path: Path) -> "subprocess.Popen[str]":
     """Run a job that fails; returns this thread's child."""
-    arguments = {
-        "model_dir": str(tmp_path / "none"),
-        "image_dir": "",
-        "out_dir": str(tmp_path),
-        "names": [],
-        "quality": 99,
-    }
+    request = UndistortImages(
+        model_dir=tmp_path / "none", image_dir=tmp_path, out_dir=tmp_path, names=(), jpeg_quality=99
+    )
     with pytest.raises(ReconstructionError, match="'undistort' failed"):
-        run_native("undistort", arguments, tmp_path / "native.log", Monitor())
+        run_native(request, tmp_path / "native.log", Monitor())
     return native_process._children.child._process
 
 
@@ -90,17 +90,12 @@ def waiting_job(folder: Path, monitor: Monitor) -> Iterator[WaitingJob]:
     pairs, until = folder / "pairs", time.monotonic() + SOON_S
     os.mkfifo(pairs)
     pycolmap.Database.open(folder / "db").close()
-    arguments = {
-        "database": str(folder / "db"),
-        "parts_dir": str(folder / "parts"),
-        "pair_list": str(pairs),
-        "batch": 1,
-        "seed": 0,
-        "threads": 1,
-    }
+    request = MatchPairs(
+        database=folder / "db", parts_dir=folder / "parts", pair_list=pairs, batch=1, seed=0, threads=1
+    )
     with ThreadPoolExecutor(1) as thread:
         child = thread.submit(failed_job, folder).result()
-        outcome = thread.submit(run_native, "match", arguments, folder / "native.log", monitor)
+        outcome = thread.submit(run_native, request, folder / "native.log", monitor)
         while True:
             assert time.monotonic() < until
             with contextlib.suppress(OSError):  # nobody reads yet
@@ -114,7 +109,7 @@ def waiting_job(folder: Path, monitor: Monitor) -> Iterator[WaitingJob]:
 
 
 def test_the_child_does_nothing_when_its_parent_is_gone():
-    order = {"job": "match", "arguments": {}, "log": os.devnull, "folder": "."}
+    order = {"job": "match", "request": {}, "log": os.devnull, "folder": "."}
     not_its_parent = os.getppid()
     assert run_child(not_its_parent, json.dumps(order).encode() + b"\n") == (EXIT_ORPHANED, b"")
     assert run_child(os.getpid(), b"") == (0, b"")
@@ -144,8 +139,9 @@ def test_a_child_that_is_not_needed_any_longer_leaves_nothing_in_the_log(tmp_pat
 
 
 def test_a_child_has_one_thread_so_that_it_can_be_forked(tmp_path: Path):
-    with pytest.raises(ReconstructionError, match="missing"):
-        run_native("register", {}, tmp_path / "native.log", Monitor())  # has all imports
+    request = VetoPairs(database=tmp_path / "db", model_dir=tmp_path / "none", names=(), priors=PosePriors())
+    with pytest.raises(ReconstructionError, match="'veto' failed"):
+        run_native(request, tmp_path / "native.log", Monitor())  # has all imports
     pid = native_process._children.child._process.pid
     assert len(list(Path(f"/proc/{pid}/task").iterdir())) == 1
 
@@ -193,7 +189,7 @@ child.main()
 
 def test_a_job_without_a_process_has_not_died(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     use_child(monkeypatch, NO_FORK)
-    order = {"job": "match", "arguments": {}, "log": str(tmp_path / "log"), "folder": str(tmp_path)}
+    order = {"job": "match", "request": {}, "log": str(tmp_path / "log"), "folder": str(tmp_path)}
     spawn = native_process.spawn
 
     def ordered(module: str, _order: str, **pipes: object) -> "subprocess.Popen[str]":
@@ -203,7 +199,7 @@ def test_a_job_without_a_process_has_not_died(tmp_path: Path, monkeypatch: pytes
 
     monkeypatch.setattr(native_process, "spawn", ordered)
     with pytest.raises(NoProcessError, match="Cannot allocate memory") as caught:
-        run_or_accuse(lambda _items: run_native("match", {}, tmp_path / "log", Monitor()), ["a", "b"])
+        run_or_accuse(lambda _items: run_native(ANY, tmp_path / "log", Monitor()), ["a", "b"])
     assert "memory" in caught.value.hint
     native_process.end_child()
 
@@ -215,7 +211,7 @@ def test_no_child_is_no_death(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     monkeypatch.setattr(native_process, "spawn", spawn)
     monkeypatch.setattr(native_process, "_children", threading.local())
     with pytest.raises(NoProcessError, match="temporarily unavailable"):
-        run_native("match", {}, tmp_path / "log", Monitor())
+        run_native(ANY, tmp_path / "log", Monitor())
 
 
 def test_a_child_can_be_ended_and_the_next_job_gets_another_one(tmp_path: Path):
@@ -233,10 +229,10 @@ def test_a_part_of_a_line_is_no_answer():
 
 
 def test_a_job_that_fails_says_why_and_where_to_read_more(tmp_path: Path):
-    log, missing = tmp_path / "native.log", str(tmp_path / "none")
-    arguments = {"database": missing, "target": str(tmp_path / "target"), "names": [], "seed": 0}
+    log, missing = tmp_path / "native.log", tmp_path / "none"
+    request = CalibrateViewGraph(database=missing, target=tmp_path / "target", names=(), seed=0)
     with pytest.raises(ReconstructionError, match=f"'calibrate' failed: .*{missing}") as caught:
-        run_native("calibrate", arguments, log, Monitor())
+        run_native(request, log, Monitor())
     assert str(log) in caught.value.hint
     assert "Traceback" in log.read_text()
 
@@ -244,7 +240,7 @@ def test_a_job_that_fails_says_why_and_where_to_read_more(tmp_path: Path):
 def test_a_child_that_dies_is_an_error_with_a_remedy(tmp_path: Path, monkeypatch: pytest.MonkeyPatch):
     use_child(monkeypatch, "import os; os.kill(os.getpid(), 9)")
     with pytest.raises(ReconstructionError, match=r"died \(signal SIGKILL\)") as caught:
-        run_native("match", {}, tmp_path / "native.log", Monitor())
+        run_native(ANY, tmp_path / "native.log", Monitor())
     assert "memory" in caught.value.hint
 
 
@@ -258,20 +254,21 @@ def test_a_child_that_ignores_the_request_to_stop_is_killed(tmp_path: Path, monk
     timer.start()
     began = time.monotonic()
     with pytest.raises(Cancelled):
-        run_native("match", {}, tmp_path / "native.log", monitor)
+        run_native(ANY, tmp_path / "native.log", monitor)
     timer.join()
     assert time.monotonic() - began < 10.0
 
 
 def test_the_log_of_a_scene_that_grows_is_bounded(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(native_process, "_LOG_BYTES", 10_000, raising=False)
-    answer = """print('{"result": 1}\\n{"ended": 0}', flush=True)"""
+    answer = """print('{"result": null}\\n{"ended": 0}', flush=True)"""
     use_child(
         monkeypatch, f"import sys\n{answer}\nfor _ in sys.stdin: {answer}"
     )  # the first order comes with it
     log = tmp_path / "native.log"
     for number in range(30):
-        run_native("veto", {"number": number, "priors": "x" * 100_000}, log, Monitor())
-    assert '== veto {"number": 29, ' in log.read_text(encoding="utf-8")
+        names = (str(number), "x" * 100_000)
+        run_native(CopyFeatures(source=tmp_path, target=tmp_path, names=names), log, Monitor())
+    assert '"names": ["29", "xxx' in log.read_text(encoding="utf-8")
     assert {file.name for file in tmp_path.iterdir()} == {"native.log", "native.old.log"}
     assert sum(file.stat().st_size for file in tmp_path.iterdir()) < 30_000

@@ -15,11 +15,12 @@ from numpy.typing import NDArray
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.geometry.alignment.similarity import umeyama
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.batch.mapping import MappedModel, ModelEvidence, load_models
+from fvs_engine.sfm.batch.mapping import MappedModel, load_models
 from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
 from fvs_engine.sfm.colmap.database import read_keypoints, read_verified_pairs
-from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.pose_priors import ImageSet, PosePriors
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
+from fvs_engine.sfm.verification.evidence import ModelEvidence
 from fvs_engine.sfm.verification.gate import Judgement, decide
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
@@ -61,7 +62,7 @@ def model_centres(model: pycolmap.Reconstruction) -> Centres:
 def find_cameras(folder: Path, out_dir: Path) -> SfmResult:
     """Nothing is known but the photographs."""
     names = sorted(path.name for path in (folder / "images").iterdir())
-    return reconstruct(folder / "images", names, out_dir, SfmSettings(), Monitor())
+    return reconstruct(ImageSet(folder / "images", names), out_dir, SfmSettings(), Monitor())
 
 
 def assert_gross_errors_were_rejected(result: SfmResult, truth: Centres) -> None:

@@ -27,10 +27,10 @@ if "fvs_engine.sfm.native.child" in sys.orig_argv:
     def find_deadly_job(name):
         job = find_job(name)
 
-        def run(report, **arguments):
-            if name == "extract" and any("{digest}" in image for image in arguments["names"]):
+        def run(request, report):
+            if name == "extract" and any("{digest}" in image for image in request.names):
                 os.kill(os.getpid(), signal.SIGSEGV)
-            return job(report, **arguments)
+            return job(request, report)
 
         return run
 

@@ -25,7 +25,7 @@ from fvs_engine.sfm import stages as stages_module
 from fvs_engine.sfm.batch.mapping import MappedModel
 from fvs_engine.sfm.batch.reconstruct import SfmResult, model_warnings, reconstruct
 from fvs_engine.sfm.colmap.model import read_colmap
-from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
+from fvs_engine.sfm.pose_priors import ImageSet, PosePrior, PosePriors
 from fvs_engine.sfm.report import SfmReport
 from fvs_engine.sfm.settings import KnownIntrinsics, SfmSettings
 from fvs_engine.sfm.verification import gate
@@ -63,7 +63,7 @@ def test_the_other_mapper_runs_where_the_gate_leaves_doubt(
 ):
     shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
     doubting = SfmSettings.model_validate({"gate": {"min_match_support": 1}})
-    report = reconstruct(kermit_dir, kermit_names, tmp_path / "sfm", doubting, Monitor()).report
+    report = reconstruct(ImageSet(kermit_dir, kermit_names), tmp_path / "sfm", doubting, Monitor()).report
     assert "incremental-mapping" not in report.seconds
     assert "calibration" in report.seconds
     assert {candidate.mapper for candidate in report.candidates} == {"incremental", "global"}
@@ -90,7 +90,7 @@ def test_a_finished_folder_is_not_computed_again(
 ):
     shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
     monkeypatch.setattr(stages_module, "run_native", lambda *_args, **_named: pytest.fail("computed again"))
-    again = reconstruct(kermit_dir, kermit_names, tmp_path / "sfm", SfmSettings(), Monitor())
+    again = reconstruct(ImageSet(kermit_dir, kermit_names), tmp_path / "sfm", SfmSettings(), Monitor())
     assert again.report == kermit_sfm.report
 
 
@@ -99,7 +99,7 @@ def test_a_damaged_report_is_written_again(
 ):
     shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
     (tmp_path / "sfm" / "report.json").write_text('{"mapper": "incre')
-    again = reconstruct(kermit_dir, kermit_names, tmp_path / "sfm", SfmSettings(), Monitor())
+    again = reconstruct(ImageSet(kermit_dir, kermit_names), tmp_path / "sfm", SfmSettings(), Monitor())
     assert again.report.registered == kermit_sfm.report.registered
     assert SfmReport.model_validate_json((tmp_path / "sfm" / "report.json").read_text()) == again.report
 
@@ -124,7 +124,7 @@ def test_wrong_positions_are_named_as_a_possible_cause_and_can_be_left_out(
 
     def reconstruct_with(priors: PosePriors) -> SfmReport:
         return reconstruct(
-            kermit_dir, kermit_names, tmp_path / "sfm", SfmSettings(), Monitor(), priors
+            ImageSet(kermit_dir, kermit_names, priors), tmp_path / "sfm", SfmSettings(), Monitor()
         ).report
 
     with pytest.raises(ContradictedPositionsError) as caught:
@@ -144,7 +144,7 @@ def test_another_gate_judges_the_same_models_again(
     strict = SfmSettings.model_validate({"gate": {"min_match_support": 1, "min_doubtful_match_support": 1}})
     monitor = Monitor(lambda progress: stages.add(progress.stage))
     with pytest.raises(ContradictedModelsError, match="contradicts"):
-        reconstruct(kermit_dir, kermit_names, tmp_path / "sfm", strict, monitor)
+        reconstruct(ImageSet(kermit_dir, kermit_names), tmp_path / "sfm", strict, monitor)
     assert "global-mapping" in stages
     assert "incremental-mapping" not in stages
     assert (tmp_path / "sfm" / "rejected.json").is_file()
@@ -162,7 +162,7 @@ def cancel_in(stage: str, image_dir: Path, names: list[str], folder: Path) -> fl
 
     monitor = Monitor(on_progress)
     with pytest.raises(Cancelled):
-        reconstruct(image_dir, names, folder, SfmSettings(), monitor)
+        reconstruct(ImageSet(image_dir, names), folder, SfmSettings(), monitor)
     return time.monotonic() - asked_at[0]
 
 
@@ -179,7 +179,7 @@ def test_work_that_is_cancelled_again_and_again_stops_at_once_and_gets_done(
         assert cancel_in(stage, six, kermit_names[:6], folder) < 5.0
         assert not (folder / "report.json").exists()
         assert (folder / "mapping" / "incremental").exists() == (stage == "global-mapping")
-    result = reconstruct(six, kermit_names[:6], folder, SfmSettings(), Monitor())
+    result = reconstruct(ImageSet(six, kermit_names[:6]), folder, SfmSettings(), Monitor())
     assert result.report.registered == 6
     assert len(read_colmap(folder / "sparse").views) == 6
     # What was finished before was not done again.
@@ -192,7 +192,7 @@ def test_added_images_keep_the_features_of_the_old_ones(six: Path, kermit_names:
     folder = tmp_path / "sfm"
     cancel_in("matching", six, kermit_names[:4], folder)
     before = keypoints(folder)
-    result = reconstruct(six, kermit_names[:6], folder, GLOBAL_FIRST, Monitor())
+    result = reconstruct(ImageSet(six, kermit_names[:6]), folder, GLOBAL_FIRST, Monitor())
     after = keypoints(folder)
     assert len(before) == 4
     assert len(after) == 6
@@ -203,7 +203,7 @@ def test_added_images_keep_the_features_of_the_old_ones(six: Path, kermit_names:
 
 def test_one_image_is_refused_by_name(kermit_dir: Path, kermit_names: list[str], tmp_path: Path):
     with pytest.raises(NoImagesError, match=kermit_names[0]):
-        reconstruct(kermit_dir, kermit_names[:1], tmp_path, SfmSettings(), Monitor())
+        reconstruct(ImageSet(kermit_dir, kermit_names[:1]), tmp_path, SfmSettings(), Monitor())
 
 
 @pytest.mark.usefixtures("native_here")
@@ -213,7 +213,9 @@ def test_two_images_that_do_not_overlap_are_named(kermit_copy: Path, data_dir: P
         image.resize((640, 427)).save(kermit_copy / "stranger.jpg")
     first = min(path.name for path in kermit_copy.iterdir())
     with pytest.raises(ReconstructionError, match=r"stranger\.jpg") as caught:
-        reconstruct(kermit_copy, [first, "stranger.jpg"], tmp_path / "sfm", SfmSettings(), Monitor())
+        reconstruct(
+            ImageSet(kermit_copy, [first, "stranger.jpg"]), tmp_path / "sfm", SfmSettings(), Monitor()
+        )
     assert "overlap" in caught.value.hint
 
 
@@ -226,7 +228,9 @@ def test_an_image_of_something_else_is_left_out_and_named(
     stranger = sorted((data_dir / "fountain-P11" / "images").iterdir())[0]
     with Image.open(stranger) as image:
         image.resize((640, 427)).save(kermit_copy / "stranger.jpg")
-    result = reconstruct(kermit_copy, [*kermit_names, "stranger.jpg"], folder, GLOBAL_FIRST, Monitor())
+    result = reconstruct(
+        ImageSet(kermit_copy, [*kermit_names, "stranger.jpg"]), folder, GLOBAL_FIRST, Monitor()
+    )
     assert result.report.unregistered == ("stranger.jpg",)
     (warning,) = (line for line in result.report.warnings if "stranger.jpg" in line)
     assert "1 of 12 images could not be registered: stranger.jpg. Photograph what connects them" in warning
@@ -258,7 +262,9 @@ def test_walls_without_texture_are_refused_by_name(tmp_path: Path):
     for name in ("wall-1.png", "wall-2.png"):
         Image.new("RGB", (320, 240), (180, 180, 175)).save(tmp_path / name)
     with pytest.raises(ReconstructionError, match=r"texture.*wall-1\.png"):
-        reconstruct(tmp_path, ["wall-1.png", "wall-2.png"], tmp_path / "sfm", SfmSettings(), Monitor())
+        reconstruct(
+            ImageSet(tmp_path, ["wall-1.png", "wall-2.png"]), tmp_path / "sfm", SfmSettings(), Monitor()
+        )
 
 
 @pytest.mark.usefixtures("native_here")
@@ -274,7 +280,7 @@ def test_images_of_another_size_or_orientation_get_their_own_camera(yard_dir: Pa
         elif number % 3 == 2:
             pixels = pixels.rotate(90, expand=True)
         pixels.save(images / name, quality=95)
-    result = reconstruct(images, names, tmp_path / "sfm", GLOBAL_FIRST, Monitor())
+    result = reconstruct(ImageSet(images, names), tmp_path / "sfm", GLOBAL_FIRST, Monitor())
     assert result.report.registered == 6
     sizes = {(view.camera.width, view.camera.height) for view in result.reconstruction.views}
     assert sizes == {(320, 240), (288, 216), (240, 320)}
@@ -287,7 +293,7 @@ def test_known_intrinsics_stay_as_they_are(six: Path, kermit_names: list[str], t
         model="PINHOLE", width_px=1280, height_px=960, params=(1389.0, 1389.0, 640.0, 480.0)
     )
     settings = SfmSettings(intrinsics=known)
-    result = reconstruct(six, kermit_names[:6], tmp_path / "sfm", settings, Monitor())
+    result = reconstruct(ImageSet(six, kermit_names[:6]), tmp_path / "sfm", settings, Monitor())
     assert {view.camera for view in result.reconstruction.views} == {
         PinholeCamera(320, 240, 347.25, 347.25, 160.0, 120.0)
     }
@@ -303,7 +309,7 @@ def test_a_damaged_database_is_named(
     data[:4096] = bytes(4096)
     (folder / "database.db").write_bytes(data)
     with pytest.raises(DamagedOutputError, match=r"database\.db is damaged") as caught:
-        reconstruct(kermit_dir, kermit_names, folder, SfmSettings(), Monitor())
+        reconstruct(ImageSet(kermit_dir, kermit_names), folder, SfmSettings(), Monitor())
     assert "Delete" in caught.value.hint
 
 
@@ -316,7 +322,7 @@ def test_a_database_that_another_process_holds_is_named(
     try:
         other.execute("BEGIN EXCLUSIVE")
         with pytest.raises(StorageError, match="Another process"):
-            reconstruct(kermit_dir, kermit_names, folder, SfmSettings(), Monitor())
+            reconstruct(ImageSet(kermit_dir, kermit_names), folder, SfmSettings(), Monitor())
     finally:
         other.rollback()
         other.close()

@@ -66,7 +66,7 @@ def test_vetoed_pairs_are_not_verified_until_they_are_restored(
     shutil.copyfile(kermit_sfm.model_dir.parent / "database.db", path)
     before, ids = verified_matches(path, 15), image_ids(path)
     pairs = list(before)[:2]
-    stages = Stages(SfmFolder(tmp_path), SfmSettings(), Monitor())
+    stages = Stages(SfmFolder(tmp_path), tmp_path, SfmSettings(), Monitor())
     veto_pairs(path, [(ids[first], ids[second])[::-1] for first, second in pairs])
     assert verified_matches(path, 15).keys() == before.keys() - set(pairs)
     match_pairs(stages, pairs)  # matching them again changes nothing

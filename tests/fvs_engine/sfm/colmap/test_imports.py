@@ -22,6 +22,7 @@ from fvs_engine.sfm.batch.triangulate import triangulate
 from fvs_engine.sfm.batch.undistort import undistort
 from fvs_engine.sfm.colmap.imports import import_colmap, import_transforms_json
 from fvs_engine.sfm.colmap.model import from_pycolmap, open_colmap, read_colmap, write_colmap
+from fvs_engine.sfm.pose_priors import ImageSet
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import FeatureSettings, SfmSettings
 from fvs_engine.views import AnyView, View
@@ -297,7 +298,7 @@ def test_other_cameras_get_other_points_and_photographs_their_own_cameras_again(
         atol=0.2,
     )
     names = [view.name for view in given]
-    again = reconstruct(kermit_dir, names, kermit_folder, SfmSettings(), Monitor())
+    again = reconstruct(ImageSet(kermit_dir, names), kermit_folder, SfmSettings(), Monitor())
     assert again.report.mapper == kermit_sfm.report.mapper
 
 

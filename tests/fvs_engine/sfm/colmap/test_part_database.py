@@ -4,7 +4,7 @@ import pycolmap
 
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import feature_counts, image_cameras, image_ids, verified_matches
-from fvs_engine.sfm.colmap.part_database import write_part
+from fvs_engine.sfm.colmap.part_database import Part, write_part
 
 
 def test_a_part_has_its_images_and_pairs_and_nothing_else(
@@ -16,10 +16,12 @@ def test_a_part_has_its_images_and_pairs_and_nothing_else(
     write_part(
         part,
         whole,
-        [ids[name] for name in names],
-        [(ids[pair[1]], ids[pair[0]])],
-        of_images=("keypoints",),
-        of_pairs=("two_view_geometries",),
+        Part(
+            [ids[name] for name in names],
+            [(ids[pair[1]], ids[pair[0]])],
+            of_images=("keypoints",),
+            of_pairs=("two_view_geometries",),
+        ),
     )
     assert image_ids(part) == {name: ids[name] for name in names}
     assert image_cameras(part) == {name: image_cameras(whole)[name] for name in names}
@@ -35,5 +37,5 @@ def test_images_can_be_named_by_their_ids(
 ) -> None:
     whole, part = kermit_sfm.model_dir.parent / "database.db", tmp_path / "part.db"
     wanted = image_ids(whole)[kermit_names[2]]
-    write_part(part, whole, [wanted], [], of_images=(), of_pairs=(), named_by_id=True)
+    write_part(part, whole, Part([wanted], [], named_by_id=True))
     assert image_ids(part) == {str(wanted): wanted}

@@ -10,7 +10,7 @@ from scipy.spatial.transform import Rotation
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.native.guided_matching import GuidedPose, guided_pose
 from fvs_engine.sfm.native.known_points import Features, KnownPoints
-from fvs_engine.sfm.native.prior_pose import ExpectedPose, refine
+from fvs_engine.sfm.native.prior_pose import ExpectedPose, PoseProblem
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.verification.prior_frame import believed_frame
 
@@ -169,7 +169,7 @@ def test_a_prior_helps_where_points_are_few_and_does_not_hurt_where_they_are_man
         shift, turn = random.normal(0.0, POSITION_SIGMA, 3), random.normal(0.0, ORIENTATION_SIGMA, 3)
         prior = ExpectedPose(moved(TRUE, shift, turn), POSITION_SIGMA, ORIENTATION_SIGMA)
         for used in (True, False):
-            pose = refine(TRUE, points, pixels, CAMERA, 1.0, prior if used else None)
+            pose = PoseProblem(points, pixels, CAMERA, 1.0, prior if used else None).refine(TRUE)
             errors[used].append(centre_error(pose))
     assert np.median(errors[True]) <= gain * np.median(errors[False])
 
@@ -177,7 +177,9 @@ def test_a_prior_helps_where_points_are_few_and_does_not_hurt_where_they_are_man
 def test_a_wrong_prior_hardly_moves_a_pose_that_points_fix(known: KnownPoints, features: Features):
     pixels = features.pixels[:POINTS]
     wrong = expected((3.0, 0.0, 0.0), (0.0, 1.0, 0.0))
-    alone = refine(expected().camera_from_model, known.xyz, pixels, CAMERA, 1.0, None)
-    pulled = refine(expected().camera_from_model, known.xyz, pixels, CAMERA, 1.0, wrong)
+    start = expected().camera_from_model
+    alone, pulled = (
+        PoseProblem(known.xyz, pixels, CAMERA, 1.0, prior).refine(start) for prior in (None, wrong)
+    )
     assert centre_error(alone) < 0.01
     assert centre_error(pulled) < 0.02

@@ -3,24 +3,26 @@
 import contextlib
 import shutil
 import sqlite3
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import pycolmap
 import pytest
+from growths import registration_request
 
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.answers import GuidedRegistration
 from fvs_engine.sfm.batch.mapping import leave_out
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import image_cameras, image_ids, pair_number, verified_matches
 from fvs_engine.sfm.colmap.model import camera_poses
 from fvs_engine.sfm.growing.guided import guide
 from fvs_engine.sfm.growing.model_change import ModelChange
-from fvs_engine.sfm.growing.registration import register
+from fvs_engine.sfm.growing.registration import Unregistered, register
 from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
+from fvs_engine.sfm.jobs import GuidedRegistration, RegisterGuided, Registration
 from fvs_engine.sfm.native import guided as guided_module
 from fvs_engine.sfm.native.guided import register_guided
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
@@ -31,8 +33,8 @@ from fvs_engine.sfm.stages import Stages
 @pytest.fixture
 def unmatched(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
-) -> dict[str, Any]:
-    """The arguments of the job for a photograph of kermit whose verified pairs are gone, and exact priors."""
+) -> RegisterGuided:
+    """The request for a photograph of kermit whose verified pairs are gone, and exact priors."""
     name = kermit_names[5]
     database = Path(shutil.copy(kermit_sfm.model_dir.parent / "database.db", tmp_path / "database.db"))
     ids = image_ids(database)
@@ -50,56 +52,73 @@ def unmatched(
     for folder in ("model", "out"):
         (tmp_path / folder).mkdir()
     model.write_binary(tmp_path / "model")
-    return {
-        "neighbours": {name: [other for other in kermit_names if other != name]},
-        "tried": [],
-        "database": str(database),
-        "image_dir": str(kermit_dir),
-        "model_dir": str(tmp_path / "model"),
-        "out_dir": str(tmp_path / "out"),
-        "names": [name],
-        "refine": True,
-        "lens": True,
-        "priors": priors.model_dump(mode="json"),
-        "min_image_support": 0.75,
-        "adjust_every": 1.0,
-        "adjusted_images": len(poses),
-        "adjusted_points": model.num_points3D(),
-        "seed": 0,
-        "threads": 1,
-    }
+    registration = registration_request(
+        tmp_path,
+        [name],
+        image_dir=kermit_dir,
+        refine=True,
+        lens=True,
+        priors=priors,
+        adjust_every=1.0,
+        adjusted_images=len(poses),
+        adjusted_points=model.num_points3D(),
+    )
+    neighbours = {name: tuple(other for other in kermit_names if other != name)}
+    return RegisterGuided(registration=registration, neighbours=neighbours, tried=())
 
 
-def take_out(name: str, job: dict[str, Any]) -> None:
+def changed(
+    request: RegisterGuided, neighbours: Mapping[str, Sequence[str]] | None = None, **registration: Any
+) -> RegisterGuided:
+    """The request with other ``neighbours`` and fields of its registration."""
+    update = {"registration": request.registration.model_copy(update=registration)}
+    return request.model_copy(update=update | ({} if neighbours is None else {"neighbours": neighbours}))
+
+
+def registration(**changes: Any) -> Registration:
+    """The answer of a registration that found nothing, but for ``changes``."""
+    nothing = Registration(
+        registered=(),
+        loose=(),
+        unscaled=(),
+        conflicting=(),
+        posed=(),
+        rejected={},
+        adjusted_images=10,
+        adjusted_points=10,
+        match_support=None,
+    )
+    return nothing.model_copy(update=changes)
+
+
+def take_out(name: str, job: RegisterGuided) -> None:
     """Take the pose of an image from the model of a job."""
-    model = pycolmap.Reconstruction(job["model_dir"])
+    model = pycolmap.Reconstruction(job.registration.model_dir)
     leave_out(model, [name])
-    model.write_binary(job["model_dir"])
+    model.write_binary(job.registration.model_dir)
 
 
 def test_a_photograph_without_matches_is_registered_by_its_prior(
-    unmatched: dict[str, Any], kermit_sfm: SfmResult
+    unmatched: RegisterGuided, kermit_sfm: SfmResult
 ):
-    (name,) = unmatched["names"]
-    answer = register_guided(lambda _: None, **unmatched).registration
+    (name,) = unmatched.registration.names
+    answer = register_guided(unmatched, lambda _: None).registration
     assert answer is not None
     assert answer.registered == (name,)
-    assert any(name in pair for pair in verified_matches(Path(unmatched["database"]), 15))
+    assert any(name in pair for pair in verified_matches(unmatched.registration.database, 15))
     truth = camera_poses(pycolmap.Reconstruction(kermit_sfm.model_dir))
-    here = camera_poses(pycolmap.Reconstruction(unmatched["out_dir"]))
+    here = camera_poses(pycolmap.Reconstruction(unmatched.registration.out_dir))
     spread = centre_spread(np.stack([pose.translation for pose in truth.values()]))
     assert np.linalg.norm(here[name].translation - truth[name].translation) < 0.01 * spread
 
 
 def test_killed_between_matches_and_model_it_comes_to_the_same_model(
-    unmatched: dict[str, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    unmatched: RegisterGuided, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
-    whole = unmatched | {
-        "database": str(shutil.copy(unmatched["database"], tmp_path / "whole.db")),
-        "out_dir": str(tmp_path / "whole"),
-    }
-    Path(whole["out_dir"]).mkdir()
-    register_guided(lambda _: None, **whole)
+    database = Path(shutil.copy(unmatched.registration.database, tmp_path / "whole.db"))
+    whole = changed(unmatched, database=database, out_dir=tmp_path / "whole")
+    whole.registration.out_dir.mkdir()
+    register_guided(whole, lambda _: None)
 
     def killed(*_: object, **__: object) -> None:
         raise KeyboardInterrupt
@@ -107,98 +126,86 @@ def test_killed_between_matches_and_model_it_comes_to_the_same_model(
     with monkeypatch.context() as patch:
         patch.setattr(guided_module, "register", killed)
         with pytest.raises(KeyboardInterrupt):
-            register_guided(lambda _: None, **unmatched)
-    (name,) = unmatched["names"]
-    assert any(name in pair for pair in verified_matches(Path(unmatched["database"]), 15))
-    register_guided(lambda _: None, **unmatched)
-    files = sorted(Path(whole["out_dir"]).iterdir())
+            register_guided(unmatched, lambda _: None)
+    (name,) = unmatched.registration.names
+    assert any(name in pair for pair in verified_matches(unmatched.registration.database, 15))
+    register_guided(unmatched, lambda _: None)
+    files = sorted(whole.registration.out_dir.iterdir())
     assert files
     for file in files:
-        assert file.read_bytes() == (Path(unmatched["out_dir"]) / file.name).read_bytes()
+        assert file.read_bytes() == (unmatched.registration.out_dir / file.name).read_bytes()
 
 
-def growth_folder(unmatched: dict[str, Any], tmp_path: Path) -> GrowthFolder:
-    """A folder with the database of the reconstruction."""
+def growth_folder(unmatched: RegisterGuided, tmp_path: Path) -> GrowthFolder:
+    """A folder with the database of the reconstruction, and its model as that of generation 0."""
     folder = GrowthFolder(tmp_path / "grown")
     folder.sfm.root.mkdir(parents=True)
-    shutil.copy(unmatched["database"], folder.sfm.database)
+    shutil.copytree(unmatched.registration.model_dir, folder.model(0))
+    shutil.copy(unmatched.registration.database, folder.sfm.database)
     return folder
 
 
 def test_what_ordinary_matches_leave_out_is_registered_after_them(
-    unmatched: dict[str, Any], kermit_names: list[str], tmp_path: Path
+    unmatched: RegisterGuided, kermit_names: list[str], tmp_path: Path
 ):
-    (name,) = unmatched["names"]
-    image_dir = Path(unmatched["image_dir"])
+    (name,) = unmatched.registration.names
+    image_dir = unmatched.registration.image_dir
     folder = growth_folder(unmatched, tmp_path)
     state = GrowthState(
         settings="",
         images={other: (image_dir / other).stat().st_size for other in kermit_names},
         registered=tuple(other for other in kermit_names if other != name),
-        adjusted_images=unmatched["adjusted_images"],
-        adjusted_points=unmatched["adjusted_points"],
+        adjusted_images=unmatched.registration.adjusted_images,
+        adjusted_points=unmatched.registration.adjusted_points,
     )
-    stages = Stages(folder.sfm, SfmSettings(threads=1), Monitor())
-    priors = PosePriors.model_validate(unmatched["priors"])
-    model_dir = Path(unmatched["model_dir"])
-    change = guide(stages, image_dir, ModelChange(state), kermit_names, priors, model_dir, folder)
+    stages = Stages(folder.sfm, image_dir, SfmSettings(threads=1), Monitor())
+    priors = unmatched.registration.priors
+    change = guide(stages, folder, ModelChange(state), kermit_names, priors)
     assert change.changed
     assert change.state.unregistered == ()
     model = pycolmap.Reconstruction(folder.next_model)
     assert model.find_image_with_name(name).has_pose
     assert all(point.color.any() for point in model.points3D.values())
     assert not folder.guided_model.exists()
-    alone = guide(stages, image_dir, ModelChange(state), kermit_names, PosePriors(), model_dir, folder)
+    alone = guide(stages, folder, ModelChange(state), kermit_names, PosePriors())
     assert not alone.changed
 
 
 def test_an_image_whose_guided_pose_is_rejected_is_named_and_tried_again_when_its_chances_change(
-    unmatched: dict[str, Any], kermit_names: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+    unmatched: RegisterGuided, kermit_names: list[str], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     """It has no other matches: without them nothing would be said of it."""
-    (name,) = unmatched["names"]
-    image_dir = Path(unmatched["image_dir"])
+    (name,) = unmatched.registration.names
+    image_dir = unmatched.registration.image_dir
     folder = growth_folder(unmatched, tmp_path)
     state = GrowthState(
         settings="",
         images=dict.fromkeys(kermit_names, 1),
         registered=tuple(other for other in kermit_names if other != name),
     )
-    stages = Stages(folder.sfm, SfmSettings(threads=1), Monitor())
-    answer = {
-        "registered": [],
-        "loose": [],
-        "unscaled": [],
-        "conflicting": [],
-        "posed": sorted(state.registered),
-        "rejected": {name: "3 of its 90 verified matches fit its estimated pose"},
-        "adjusted_images": 10,
-        "adjusted_points": 10,
-        "match_support": None,
-    }
+    stages = Stages(folder.sfm, image_dir, SfmSettings(threads=1), Monitor())
+    rejected = {name: "3 of its 90 verified matches fit its estimated pose"}
+    answer = registration(posed=tuple(sorted(state.registered)), rejected=rejected)
     tried: list[Any] = []
 
-    def native_over(_job: str, names: list[str], *_: object, **__: object) -> dict[str, Any]:
+    def native_over(names: list[str], *_: object, **__: object) -> GuidedRegistration:
         tried.append(names)
-        return {"looked_at": names, "registration": answer}
+        return GuidedRegistration(looked_at=tuple(names), registration=answer)
 
     monkeypatch.setattr(stages, "native_over", native_over)
-    priors = PosePriors.model_validate(unmatched["priors"])
-    model_dir = Path(unmatched["model_dir"])
-    change = guide(stages, image_dir, ModelChange(state), kermit_names, priors, model_dir, folder)
+    priors = unmatched.registration.priors
+    change = guide(stages, folder, ModelChange(state), kermit_names, priors)
     assert not change.changed
     (digest,) = change.state.tried_guided.values()
-    assert change.state == state.model_copy(
-        update={"rejected": answer["rejected"], "tried_guided": {name: digest}}
-    )
+    assert change.state == state.model_copy(update={"rejected": rejected, "tried_guided": {name: digest}})
     (warning,) = change.warnings
     assert warning.startswith(f"{name} is not registered: 3 of its 90 ")
     assert "Photographs from between" in warning
-    again = guide(stages, image_dir, ModelChange(change.state), kermit_names, priors, model_dir, folder)
+    again = guide(stages, folder, ModelChange(change.state), kermit_names, priors)
     assert (again.state, tried) == (change.state, [[name]])
     less_accurate = priors.by_name[name].model_copy(update={"orientation_sigma_deg": 4.0})
     priors = PosePriors(by_name=priors.by_name | {name: less_accurate})
-    guide(stages, image_dir, ModelChange(change.state), kermit_names, priors, model_dir, folder)
+    guide(stages, folder, ModelChange(change.state), kermit_names, priors)
     assert tried == [[name], [name]]
 
 
@@ -209,91 +216,81 @@ def test_new_images_that_conflict_are_named_unless_both_have_informative_priors(
     with_priors: int,
     informative: bool,
     warned: bool,
-    unmatched: dict[str, Any],
+    unmatched: RegisterGuided,
     tmp_path: Path,
     monkeypatch: pytest.MonkeyPatch,
 ):
-    every = PosePriors.model_validate(unmatched["priors"]).by_name
+    every = unmatched.registration.priors.by_name
     new, old = sorted(every)[:2]
     state = GrowthState(settings="", images=dict.fromkeys([new, old], 1), registered=(old,))
-    stages = Stages(GrowthFolder(tmp_path / "grown").sfm, SfmSettings(threads=1), Monitor())
-    answer = {
-        "registered": [new],
-        "loose": [],
-        "unscaled": [],
-        "conflicting": [(new, old)],
-        "posed": [new, old],
-        "rejected": {},
-        "adjusted_images": 2,
-        "adjusted_points": 10,
-        "match_support": None,
-    }
+    stages = Stages(GrowthFolder(tmp_path / "grown").sfm, tmp_path, SfmSettings(threads=1), Monitor())
+    answer = registration(registered=(new,), conflicting=((new, old),), posed=(new, old))
     monkeypatch.setattr(stages, "native_over", lambda *_, **__: answer)
     priors = PosePriors(by_name={name: every[name] for name in [new, old][:with_priors]})
-    change = register(
-        stages, tmp_path, state, [new], priors, tmp_path, tmp_path / "out", informative=informative
-    )
+    images = Unregistered([new], priors, informative)
+    change = register(stages, state, images, tmp_path, tmp_path / "out")
     found = [warning for warning in change.warnings if "should overlap" in warning]
     assert len(found) == warned
     assert all(f"{new} and {old}" in warning for warning in found)
 
 
-def test_a_photograph_that_shows_something_else_stays_as_it_was(unmatched: dict[str, Any]):
+def test_a_photograph_that_shows_something_else_stays_as_it_was(unmatched: RegisterGuided):
     """Its features are those of another place: shuffled among the keypoints."""
-    (name,) = unmatched["names"]
-    database = Path(unmatched["database"])
+    (name,) = unmatched.registration.names
+    database = unmatched.registration.database
     number = image_ids(database)[name]
     with contextlib.closing(sqlite3.connect(database)) as db, db:
         ((data, rows),) = db.execute("SELECT data, rows FROM descriptors WHERE image_id = ?", (number,))
         mixed = np.random.default_rng(0).permutation(np.frombuffer(data, np.uint8).reshape(rows, 128))
         db.execute("UPDATE descriptors SET data = ? WHERE image_id = ?", (mixed.tobytes(), number))
-    assert register_guided(lambda _: None, **unmatched).registration is None
+    assert register_guided(unmatched, lambda _: None).registration is None
     assert not any(name in pair for pair in verified_matches(database, 1))
 
 
 def test_images_of_a_camera_that_is_not_estimated_take_no_place_of_others(
-    unmatched: dict[str, Any], kermit_names: list[str], monkeypatch: pytest.MonkeyPatch
+    unmatched: RegisterGuided, kermit_names: list[str], monkeypatch: pytest.MonkeyPatch
 ):
-    (name,), other = unmatched["names"], kermit_names[0]
-    cameras = image_cameras(Path(unmatched["database"])) | {other: 99}
+    (name,), other = unmatched.registration.names, kermit_names[0]
+    cameras = image_cameras(unmatched.registration.database) | {other: 99}
     monkeypatch.setattr(guided_module, "image_cameras", lambda _: cameras)
     take_out(other, unmatched)
     neighbours = [each for each in kermit_names if each not in (name, other)]
-    waiting = unmatched | {"neighbours": {other: neighbours, name: neighbours}, "names": [other, name]}
+    waiting = changed(unmatched, {other: neighbours, name: neighbours}, names=(other, name))
     monkeypatch.setattr(guided_module, "_MOST_LOOKED_AT", 1)
-    tried = register_guided(lambda _: None, **waiting)
+    tried = register_guided(waiting, lambda _: None)
     assert tried.looked_at == (other, name)
     assert tried.registration is not None
     assert name in tried.registration.registered
-    del waiting["neighbours"][name]
-    assert register_guided(lambda _: None, **waiting) == GuidedRegistration(
+    waiting = changed(waiting, {other: neighbours})
+    assert register_guided(waiting, lambda _: None) == GuidedRegistration(
         looked_at=(other,), registration=None
     )
 
 
 def test_an_image_that_a_call_does_not_get_to_counts_as_not_tried(
-    unmatched: dict[str, Any], kermit_names: list[str], monkeypatch: pytest.MonkeyPatch
+    unmatched: RegisterGuided, kermit_names: list[str], monkeypatch: pytest.MonkeyPatch
 ):
-    (name,), other = unmatched["names"], kermit_names[0]
+    (name,), other = unmatched.registration.names, kermit_names[0]
     take_out(other, unmatched)
     neighbours = [each for each in kermit_names if each not in (name, other)]
-    waiting = unmatched | {"neighbours": {name: neighbours, other: neighbours}, "names": [name, other]}
+    waiting = changed(unmatched, {name: neighbours, other: neighbours}, names=(name, other))
     monkeypatch.setattr(guided_module, "_MOST_GUIDED", 1)
-    assert register_guided(lambda _: None, **waiting).looked_at == (name,)
+    assert register_guided(waiting, lambda _: None).looked_at == (name,)
     third = neighbours.pop()
     take_out(third, unmatched)
-    waiting["neighbours"] = dict.fromkeys([name, other, third], neighbours)
+    waiting = changed(waiting, dict.fromkeys([name, other, third], neighbours))
     monkeypatch.setattr(guided_module, "_MOST_GUIDED", 2)
     for tried, chosen in (([other], third), ([third, other], third), ([other, third], other)):
-        looked_at = register_guided(lambda _: None, **waiting | {"tried": tried}).looked_at
+        again = waiting.model_copy(update={"tried": tried})
+        looked_at = register_guided(again, lambda _: None).looked_at
         assert set(looked_at) == {name, chosen}
 
 
-def test_pairs_of_an_image_that_is_not_registered_are_taken_back(unmatched: dict[str, Any]):
+def test_pairs_of_an_image_that_is_not_registered_are_taken_back(unmatched: RegisterGuided):
     """The check of poses rejects it: no pose explains more matches than there are."""
-    (name,) = unmatched["names"]
-    answer = register_guided(lambda _: None, **unmatched | {"min_image_support": 1.1}).registration
+    (name,) = unmatched.registration.names
+    answer = register_guided(changed(unmatched, min_image_support=1.1), lambda _: None).registration
     assert answer is not None
     assert answer.registered == ()
     assert name in answer.rejected
-    assert not any(name in pair for pair in verified_matches(Path(unmatched["database"]), 1))
+    assert not any(name in pair for pair in verified_matches(unmatched.registration.database, 1))

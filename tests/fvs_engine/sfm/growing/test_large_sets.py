@@ -16,6 +16,7 @@ from fvs_engine.sfm.colmap.imports import import_transforms_json
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.native import registration
 from fvs_engine.sfm.native.match_cache import load_all
+from fvs_engine.sfm.pose_priors import ImageSet
 from fvs_engine.sfm.settings import FeatureSettings, SfmSettings
 
 NAMES = [f"{i:04d}.jpg" for i in range(9)]
@@ -70,7 +71,7 @@ def test_a_folder_whose_set_has_become_large_or_small_is_reconstructed_with_othe
     images, database = yard_dir / "images", tmp_path / "database.db"
     counts = []
     for count in (5, 6, 5):
-        reconstruct(images, NAMES[:count], tmp_path, SETTINGS, Monitor())
+        reconstruct(ImageSet(images, NAMES[:count]), tmp_path, SETTINGS, Monitor())
         counts.append(feature_counts(database)[NAMES[0]])
     assert counts[1] != counts[0]
     assert counts[2] == counts[0]

@@ -9,6 +9,7 @@ from PIL import Image
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.reconstruct import reconstruct
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
+from fvs_engine.sfm.pose_priors import ImageSet
 from fvs_engine.sfm.settings import FeatureSettings, SfmSettings
 
 pytestmark = [pytest.mark.process, pytest.mark.slow]
@@ -30,7 +31,7 @@ def images(yard_dir: Path, tmp_path: Path) -> Path:
 
 def test_a_deadly_image_is_left_out_of_a_new_reconstruction(images: Path, tmp_path: Path):
     names = [NAMES[0], DEADLY, *NAMES[1:4]]
-    result = reconstruct(images, names, tmp_path / "sfm", SETTINGS, Monitor())
+    result = reconstruct(ImageSet(images, names), tmp_path / "sfm", SETTINGS, Monitor())
     assert {view.name for view in result.reconstruction.views} == set(NAMES[:4])
     assert [line for line in result.report.warnings if DEADLY in line] == [
         f"{DEADLY} is quarantined: The process of stage 'extract' died (signal SIGSEGV). "

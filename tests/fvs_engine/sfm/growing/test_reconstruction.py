@@ -30,6 +30,7 @@ from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.prior_veto import Veto, veto
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.growing.state import GrowthState
+from fvs_engine.sfm.jobs import RegisterImages, Request
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.stages import Stages
@@ -102,9 +103,9 @@ def test_an_image_is_tried_again_when_its_chances_have_changed_and_only_then(
     )
     tried, native = list[str](), stages_module.Stages.native
 
-    def spy(stages: stages_module.Stages, job: str, arguments: dict[str, Any], **rest: Any) -> Any:
-        tried.extend(arguments["names"] if job == "register" else ())
-        return native(stages, job, arguments, **rest)
+    def spy(stages: stages_module.Stages, request: Request[Any], **rest: Any) -> Any:
+        tried.extend(request.names if isinstance(request, RegisterImages) else ())
+        return native(stages, request, **rest)
 
     monkeypatch.setattr(stages_module.Stages, "native", spy)
     first, second = strangers(images_copy, 2)
@@ -128,13 +129,11 @@ def test_nothing_is_said_of_images_or_cameras_that_a_remap_puts_right(
 ):
     growing = GrowingReconstruction.open(copy_of(grown.bootstrapped, tmp_path), images, SETTINGS, Monitor())
 
-    def register(
-        _stages: object, _images: object, state: GrowthState, *_: object, **__: object
-    ) -> ModelChange:
+    def register(_stages: object, state: GrowthState, *_: object) -> ModelChange:
         unregistered = (f"{name} is not registered: x." for name in [NEXT, FAR])
         return ModelChange(state, warnings=("DOUBTFUL CAMERAS: x.", *unregistered))
 
-    def remap(_stages: object, _images: object, state: GrowthState, *_: object) -> ModelChange:
+    def remap(_stages: object, state: GrowthState, *_: object) -> ModelChange:
         posed = [*state.registered, NEXT]
         return ModelChange(state.with_poses(posed, len(posed), state.adjusted_points), mapper="global")
 
@@ -152,12 +151,10 @@ def test_a_remap_ends_earlier_doubts_and_its_own_warnings_are_kept(
     growing = GrowingReconstruction.open(copy_of(grown.bootstrapped, tmp_path), images, SETTINGS, Monitor())
     views, reasons = growing.reconstruction.views, iter([None, "It is due."])
 
-    def register(
-        _stages: object, _images: object, state: GrowthState, *_: object, **__: object
-    ) -> ModelChange:
+    def register(_stages: object, state: GrowthState, *_: object) -> ModelChange:
         return ModelChange(state, warnings=("It was due. DOUBTFUL CAMERAS: of the model before.",))
 
-    def remap(stages: Stages, _images: object, state: GrowthState, *_: object) -> ModelChange:
+    def remap(stages: Stages, state: GrowthState, *_: object) -> ModelChange:
         stages.warnings.append("No focal length.")
         return ModelChange(state, mapper="global", warnings=("DOUBTFUL CAMERAS: of the new model.",))
 

@@ -51,10 +51,10 @@ def test_the_model_of_a_remap_is_aligned_with_the_current_one(
     current.mkdir()
     model.write_binary(current)
     before = read_colmap(current).centres()
-    stages = Stages(SfmFolder(folder), SfmSettings(), Monitor())
+    stages = Stages(SfmFolder(folder), kermit_dir, SfmSettings(), Monitor())
     state = current_state(kermit_dir, kermit_names, kermit_names[:5])
 
-    outcome = remap(stages, kermit_dir, state, PosePriors(), current, tmp_path / "next")
+    outcome = remap(stages, state, PosePriors(), current, tmp_path / "next")
 
     assert outcome.changed
     assert outcome.state.registered == tuple(kermit_names)
@@ -69,9 +69,9 @@ def test_a_current_model_that_explains_as_much_is_kept(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
 ):
     folder = shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
-    stages = Stages(SfmFolder(folder), SfmSettings(), Monitor())
+    stages = Stages(SfmFolder(folder), kermit_dir, SfmSettings(), Monitor())
     state = current_state(kermit_dir, kermit_names, kermit_names)
-    outcome = remap(stages, kermit_dir, state, PosePriors(), kermit_sfm.model_dir, tmp_path / "next")
+    outcome = remap(stages, state, PosePriors(), kermit_sfm.model_dir, tmp_path / "next")
     assert not outcome.changed
     assert outcome.warnings == ()
     assert not (tmp_path / "next").exists()
@@ -113,11 +113,11 @@ def test_more_images_are_no_argument_for_a_model_that_contradicts_the_current_on
         min_translation_support=0,
         max_disagreement=0.001,
     )
-    stages = Stages(folder, SfmSettings(gate=everyone), Monitor())
+    stages = Stages(folder, kermit_dir, SfmSettings(gate=everyone), Monitor())
     folded = load_models(folder.mapping("incremental"))[0]
     fold(folded, kermit_names[:5])
     folded.write_binary(folder.mapping("incremental") / "0")
-    outcome = remap(stages, kermit_dir, state, PosePriors(), current, tmp_path / "next")
+    outcome = remap(stages, state, PosePriors(), current, tmp_path / "next")
     assert not outcome.changed
 
 
@@ -144,14 +144,14 @@ def test_a_doubtful_model_of_all_images_does_not_replace_an_accepted_one_that_it
         max_disagreement=0.001,
     )
     state = current_state(kermit_dir, kermit_names, kermit_names[:5])
-    stages = Stages(folder, SfmSettings(gate=gate), Monitor())
-    outcome = start_again(stages, kermit_dir, state, priors, current, tmp_path / "next")
+    stages = Stages(folder, kermit_dir, SfmSettings(gate=gate), Monitor())
+    outcome = start_again(stages, state, priors, current, tmp_path / "next")
     assert not outcome.changed
     assert "together is doubtful and no better, so the current one stays" in outcome.warnings[0]
 
     strict = gate.model_copy(update={"min_doubtful_match_support": 0.985})
-    stages = Stages(folder, SfmSettings(gate=strict), Monitor())
-    outcome = start_again(stages, kermit_dir, state, PosePriors(), current, tmp_path / "next")
+    stages = Stages(folder, kermit_dir, SfmSettings(gate=strict), Monitor())
+    outcome = start_again(stages, state, PosePriors(), current, tmp_path / "next")
     assert not outcome.changed
     assert "together was rejected, so the current one stays: " in outcome.warnings[0]
 

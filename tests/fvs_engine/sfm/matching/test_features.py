@@ -10,6 +10,7 @@ from PIL import Image
 from fvs_engine.choices import CameraModel
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.colmap.database import image_cameras
+from fvs_engine.sfm.jobs import ExtractFeatures
 from fvs_engine.sfm.matching.features import add_features, import_images
 from fvs_engine.sfm.settings import FeatureSettings, FocalPrior, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
@@ -31,10 +32,10 @@ def save(file: Path, focal_35mm: int | None = None, size: tuple[int, int] = (64,
 
 def imported(folder: Path, settings: SfmSettings) -> Mapping[str, pycolmap.Camera]:
     """Name → camera in the database."""
-    stages = Stages(SfmFolder(folder / "sfm"), settings, Monitor())
+    stages = Stages(SfmFolder(folder / "sfm"), folder, settings, Monitor())
     stages.folder.root.mkdir(exist_ok=True)
     names = sorted(path.name for path in folder.iterdir() if path.is_file())
-    import_images(stages, folder, names)
+    import_images(stages, names)
     with pycolmap.Database.open(stages.folder.database) as database:
         return {
             name: database.read_camera(camera_id)
@@ -114,17 +115,18 @@ def test_only_small_images_are_upsampled_for_their_features(
 
     native_over = Stages.native_over
 
-    def observed(stages: Stages, job: str, names: list[str], arguments: Any, **options: Any) -> Any:
-        if job == "extract":
-            upsampled.update(dict.fromkeys(names, arguments(names)["upsampled"]))
-        return native_over(stages, job, names, arguments, **options)
+    def observed(stages: Stages, names: list[str], request_of: Any, **options: Any) -> Any:
+        request = request_of(names)
+        if isinstance(request, ExtractFeatures):
+            upsampled.update(dict.fromkeys(names, request.upsampled))
+        return native_over(stages, names, request_of, **options)
 
     monkeypatch.setattr(Stages, "native_over", observed)
     few = FeatureSettings(max_image_size_px=reduced_to_px, upsample_below_px=150)
     settings = SfmSettings(features_of_few=few)
-    stages = Stages(SfmFolder(tmp_path / "sfm"), settings, Monitor())
+    stages = Stages(SfmFolder(tmp_path / "sfm"), tmp_path, settings, Monitor())
     stages.folder.root.mkdir()
-    add_features(stages, tmp_path, ["large.png", "small.png"])
+    add_features(stages, ["large.png", "small.png"])
     assert {name for name, was in upsampled.items() if was} == small
     assert upsampled.keys() == {"large.png", "small.png"}
 
@@ -136,20 +138,21 @@ def test_images_of_a_large_set_are_reduced_more(
     names = [f"{number}.png" for number in range(count)]
     for name in names:
         save(tmp_path / name, size=(200, 150))
-    asked: list[Mapping[str, Any]] = []
+    asked: list[ExtractFeatures] = []
     native_over = Stages.native_over
 
-    def observed(stages: Stages, job: str, names: list[str], arguments: Any, **options: Any) -> Any:
-        if job == "extract":
-            asked.append(arguments(names))
-        return native_over(stages, job, names, arguments, **options)
+    def observed(stages: Stages, names: list[str], request_of: Any, **options: Any) -> Any:
+        request = request_of(names)
+        if isinstance(request, ExtractFeatures):
+            asked.append(request)
+        return native_over(stages, names, request_of, **options)
 
     monkeypatch.setattr(Stages, "native_over", observed)
     settings = SfmSettings(exhaustive_up_to=3)
-    stages = Stages(SfmFolder(tmp_path / "sfm"), settings, Monitor())
+    stages = Stages(SfmFolder(tmp_path / "sfm"), tmp_path, settings, Monitor())
     stages.folder.root.mkdir()
-    add_features(stages, tmp_path, names, settings.features_of_few if given else None)
+    add_features(stages, names, settings.features_of_few if given else None)
     expected = settings.features_of_few if few else settings.features_of_many
-    assert [(one["max_image_size"], one["max_features"]) for one in asked] == [
+    assert [(one.max_image_size_px, one.max_features) for one in asked] == [
         (expected.max_image_size_px, expected.max_features)
     ]

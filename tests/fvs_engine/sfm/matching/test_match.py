@@ -31,7 +31,7 @@ def test_pairs_of_a_large_set_are_selected_by_the_priors_of_the_request(
 
     monkeypatch.setattr(match, "selected_pairs", selected)
     shutil.copyfile(kermit_sfm.model_dir.parent / "database.db", tmp_path / "database.db")
-    stages = Stages(SfmFolder(tmp_path), SfmSettings(exhaustive_up_to=2), Monitor())
+    stages = Stages(SfmFolder(tmp_path), tmp_path, SfmSettings(exhaustive_up_to=2), Monitor())
     priors = PosePriors(by_name={kermit_names[2]: PosePrior.at(np.array([1.0, 2.0, 3.0]))})
     match.match_features(stages, kermit_names, priors)
     match.match_features(stages, kermit_names)
@@ -52,7 +52,7 @@ def unmatched(kermit_sfm: SfmResult, tmp_path: Path) -> Stages:
         db.execute("DELETE FROM matches")
         db.execute("DELETE FROM two_view_geometries")
         db.execute("UPDATE images SET name = 'two words.jpg' WHERE name = 'kermit001.jpg'")
-    return Stages(SfmFolder(tmp_path), SfmSettings(threads=3), Monitor())
+    return Stages(SfmFolder(tmp_path), tmp_path, SfmSettings(threads=3), Monitor())
 
 
 def rows(database: Path, query: str) -> list[Any]:
@@ -124,7 +124,7 @@ def test_a_folder_of_parts_that_cannot_be_removed_stops_nothing(
     monkeypatch.setattr(match, "_BATCH", 2)
     unmatched.folder.parts.mkdir()
     unmatched.folder.parts.joinpath("0-0.db").write_bytes(b"of a run that was killed")
-    single = Stages(unmatched.folder, SfmSettings(threads=1), Monitor())
+    single = Stages(unmatched.folder, unmatched.image_dir, SfmSettings(threads=1), Monitor())
     pairs = [(first, second) for first in names for second in names if first < second]
     match.match_pairs(single, pairs)
     assert len(rows(unmatched.folder.database, GEOMETRIES)) == len(pairs)

@@ -15,7 +15,7 @@ from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 
 def test_the_pairs_of_an_image_contradict_a_wrong_pose_and_no_right_one(kermit_sfm: SfmResult):
     database = kermit_sfm.model_dir.parent / "database.db"
-    known = PoseCheck.read(str(database), 0.75, PosePriors())
+    known = PoseCheck.read(database, 0.75, PosePriors())
     model = pycolmap.Reconstruction(kermit_sfm.model_dir)
     assert set(known.keypoints) == set(model.images)
     for image_id, image in model.images.items():
@@ -28,7 +28,7 @@ def test_the_pairs_of_an_image_contradict_a_wrong_pose_and_no_right_one(kermit_s
 
 
 def test_an_image_of_few_matches_is_loosely_linked(kermit_sfm: SfmResult, kermit_names: list[str]):
-    known = PoseCheck.read(str(kermit_sfm.model_dir.parent / "database.db"), 0.75, PosePriors())
+    known = PoseCheck.read(kermit_sfm.model_dir.parent / "database.db", 0.75, PosePriors())
     model = pycolmap.Reconstruction(kermit_sfm.model_dir)
     assert known.loosely_linked(model) == frozenset()
     far = next(i for i, image in model.images.items() if image.name == kermit_names[-1])
@@ -45,7 +45,7 @@ def test_an_image_of_few_matches_is_loosely_linked(kermit_sfm: SfmResult, kermit
 def test_a_pose_far_from_its_position_prior_is_contradicted(kermit_sfm: SfmResult, kermit_names: list[str]):
     """Matches alone do not contradict it, as with a repeated pattern."""
     model = pycolmap.Reconstruction(kermit_sfm.model_dir)
-    database = str(kermit_sfm.model_dir.parent / "database.db")
+    database = kermit_sfm.model_dir.parent / "database.db"
     world_from_model = SimilarityTransform(
         3.0, Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix(), np.array([5.0, -2.0, 9.0])
     )

@@ -11,10 +11,11 @@ from row_of_cameras import PINHOLE, STEP, error_of_centres, row_of_cameras, true
 
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.colmap.model import camera_poses, rigid_to_pycolmap
+from fvs_engine.sfm.jobs import MapImages
 from fvs_engine.sfm.native.jobs import _adjust
-from fvs_engine.sfm.native.pose_review import hangs_on_few_points, review_poses
+from fvs_engine.sfm.native.pose_review import PoseReview, hangs_on_few_points
 from fvs_engine.sfm.native.pose_search import best_pose
-from fvs_engine.sfm.native.prior_pose import ExpectedPose, refine
+from fvs_engine.sfm.native.prior_pose import ExpectedPose, PoseProblem
 
 MISLED, SEEN_BY = 12, 6
 NAME = f"{MISLED - 1:02}.jpg"
@@ -52,7 +53,8 @@ def reviewed(
     """Review all poses; those that are not named have not changed."""
     before = camera_poses(model)
     observations = pycolmap.ObservationManager(model)
-    changed = review_poses(model, observations, database, model.reg_image_ids(), 0, lambda _: expected or {})
+    review = PoseReview(model, observations, database, 0, lambda _: expected or {})
+    changed = review.of(model.reg_image_ids())
     for name, pose in camera_poses(model).items():
         assert name in changed or np.abs(pose.matrix - before[name].matrix).max() < 1e-12
     return changed
@@ -100,15 +102,14 @@ def test_a_pose_stays_if_the_check_of_poses_contradicts_only_the_new_one(tmp_pat
     model = misled_model(0.4)
     path = tmp_path / "database.db"
     write_database(model, path)
-    changed = review_poses(
+    review = PoseReview(
         model,
         pycolmap.ObservationManager(model),
         path,
-        [MISLED],
         0,
         contradicts=lambda image_id: image_id == MISLED and error_of(model) < 0.1,
     )
-    assert changed == []
+    assert review.of([MISLED]) == []
     assert error_of(model) > 0.25
 
 
@@ -190,7 +191,7 @@ def test_a_pixel_without_a_ray_is_left_out(tmp_path: Path):
     pixels = np.r_[np.asarray(camera.img_from_cam(points)), corner]
     points = np.r_[points, [[1.0, 1.0, 7.0]]]
     beside = RigidTransform(np.eye(3), np.array([0.05, 0.0, 0.0]))
-    found = best_pose(beside, points, pixels, camera, 0.2, None, 0)
+    found = best_pose(beside, PoseProblem(points, pixels, camera, 0.2), 0)
     assert np.abs(found.inverse().translation).max() < 0.01
 
 
@@ -205,9 +206,10 @@ def test_a_tight_search_finds_a_pose_beside_matches_that_are_a_few_pixels_off():
     misled = np.array([int(0.45 * (k + 1)) > int(0.45 * k) for k in range(len(points))])
     pixels[misled] = np.asarray(PINHOLE.img_from_cam(wrong.apply(points[misled])))
     pixels += random.normal(0.0, 0.15, pixels.shape)
-    near = refine(wrong, points, pixels, PINHOLE, 0.15, None)
+    problem = PoseProblem(points, pixels, PINHOLE, 0.15)
+    near = problem.refine(wrong)
     assert np.linalg.norm(near.inverse().translation) > 1.0
-    found = best_pose(wrong, points, pixels, PINHOLE, 0.15, None, 0)
+    found = best_pose(wrong, problem, 0)
     assert np.linalg.norm(found.inverse().translation) < 0.1
 
 
@@ -224,7 +226,17 @@ def test_models_of_mappers_are_reviewed(tmp_path: Path):
     model = misled_model(0.4)
     write_database(model, tmp_path / "database.db")
     (tmp_path / "0").mkdir()
-    _adjust({0: model}, str(tmp_path), tmp_path / "database.db", refine=False, lens=False, seed=0, threads=1)
+    request = MapImages(
+        database=tmp_path / "database.db",
+        image_dir=tmp_path,
+        out_dir=tmp_path,
+        names=(),
+        refine=False,
+        lens=False,
+        seed=0,
+        threads=1,
+    )
+    _adjust({0: model}, request)
     assert error_of_centres(pycolmap.Reconstruction(tmp_path / "0")) < 0.005
 
 

@@ -5,16 +5,15 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
-from growths import growth_of
+from growths import growth_of, registration_request
 from model_databases import write_database
 from row_of_cameras import PINHOLE, row_of_cameras, true_poses
 
 from fvs_engine.sfm.colmap.model import rigid_to_pycolmap
 from fvs_engine.sfm.native.points_of_others import Rays
 from fvs_engine.sfm.native.pose_uncertainty import MAX_SHARE, centre_sigma, position_share, why_uncertain
-from fvs_engine.sfm.native.prior_pose import refine
+from fvs_engine.sfm.native.prior_pose import PoseProblem
 from fvs_engine.sfm.native.registration import register
-from fvs_engine.sfm.pose_priors import PosePriors
 
 IMAGE, SEEN_BY = 12, 6
 NAME = f"{IMAGE - 1:02}.jpg"
@@ -59,7 +58,7 @@ def test_the_standard_deviation_is_that_of_repeated_estimates(shared: bool):
     for _ in range(150):
         errors = random.normal(0.0, 0.5, exact.shape)
         pixels = exact + (errors[part] if shared else errors)
-        pose = refine(true, points, pixels, PINHOLE, 0.5, None)
+        pose = PoseProblem(points, pixels, PINHOLE, 0.5).refine(true)
         shifts.append(pose.inverse().translation - place.translation)
         sigmas.append(centre_sigma(true, points, pixels, PINHOLE))
     scatter = np.sqrt(np.linalg.eigvalsh(np.cov(np.array(shifts).T))[-1])
@@ -176,21 +175,14 @@ def test_the_job_rejects_an_uncertain_image(tmp_path: Path):
         (tmp_path / folder).mkdir()
     model.write_binary(tmp_path / "model")
     answer = register(
+        registration_request(
+            tmp_path,
+            [NAME],
+            adjust_every=0.5,
+            adjusted_images=23,
+            adjusted_points=model.num_points3D(),
+        ),
         lambda _: None,
-        database=str(tmp_path / "database.db"),
-        image_dir=str(tmp_path),
-        model_dir=str(tmp_path / "model"),
-        out_dir=str(tmp_path / "out"),
-        names=[NAME],
-        refine=False,
-        lens=False,
-        priors=PosePriors().model_dump(mode="json"),
-        min_image_support=0.75,
-        adjust_every=0.5,
-        adjusted_images=23,
-        adjusted_points=model.num_points3D(),
-        seed=0,
-        threads=1,
     )
     assert answer.registered == ()
     assert "position uncertain" in answer.rejected[NAME]

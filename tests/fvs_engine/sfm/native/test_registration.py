@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 import pytest
-from growths import growth_of
+from growths import growth_of, registration_request
 from row_of_cameras import COUNT, row_of_cameras
 
 from fvs_engine.geometry.alignment.cameras import centre_spread
@@ -22,7 +22,7 @@ def test_an_image_is_rejected_after_the_camera_got_its_lens(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
 ):
     """A mapper that begins with the camera of the database fails."""
-    database = shutil.copy(kermit_sfm.model_dir.parent / "database.db", tmp_path / "database.db")
+    shutil.copy(kermit_sfm.model_dir.parent / "database.db", tmp_path / "database.db")
     model = pycolmap.Reconstruction(kermit_sfm.model_dir)
     poses = camera_poses(model)
     right, wrong = kermit_names[5], kermit_names[-1]
@@ -38,21 +38,17 @@ def test_an_image_is_rejected_after_the_camera_got_its_lens(
     off = tuple(poses[wrong].translation + 3.0 * spread)
     priors[wrong] = priors[wrong].model_copy(update={"position": off})
     answer = register(
+        registration_request(
+            tmp_path,
+            [right, wrong],
+            image_dir=kermit_dir,
+            refine=True,
+            lens=True,
+            priors=PosePriors(by_name=priors),
+            adjusted_images=MIN_IMAGES_OF_LENS - 1,
+            adjusted_points=model.num_points3D(),
+        ),
         lambda _: None,
-        database=str(database),
-        image_dir=str(kermit_dir),
-        model_dir=str(tmp_path / "model"),
-        out_dir=str(tmp_path / "out"),
-        names=[right, wrong],
-        refine=True,
-        lens=True,
-        priors=PosePriors(by_name=priors).model_dump(mode="json"),
-        min_image_support=0.75,
-        adjust_every=0.1,
-        adjusted_images=MIN_IMAGES_OF_LENS - 1,
-        adjusted_points=model.num_points3D(),
-        seed=0,
-        threads=1,
     )
     assert answer.registered == (right,)
     assert list(answer.rejected) == [wrong]

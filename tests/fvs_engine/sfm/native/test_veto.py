@@ -8,8 +8,10 @@ from fvs_engine.sfm.batch.mapping import leave_out
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import image_ids, read_verified_pairs
 from fvs_engine.sfm.colmap.model import open_colmap
+from fvs_engine.sfm.jobs import VetoPairs
 from fvs_engine.sfm.native import veto as veto_module
 from fvs_engine.sfm.native.veto import veto
+from fvs_engine.sfm.pose_priors import PosePriors
 
 
 @pytest.mark.parametrize("cut", ["model", "one image"])
@@ -37,10 +39,7 @@ def test_images_that_match_each_other_alone_are_named(
         lambda pairs, *_: [pair for pair in pairs if (pair.first, pair.second) in vetoed],
     )
     answer = veto(
+        VetoPairs(database=database, model_dir=tmp_path / "model", names=tuple(new), priors=PosePriors()),
         lambda _: None,
-        database=str(database),
-        model_dir=str(tmp_path / "model"),
-        names=new,
-        priors={"by_name": {}},
     )
     assert answer.without == tuple(new if cut == "model" else new[:1])

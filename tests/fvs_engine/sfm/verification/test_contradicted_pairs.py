@@ -8,7 +8,7 @@ from scipy.spatial.transform import Rotation
 from fvs_engine.geometry import RigidTransform, SimilarityTransform, look_at
 from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
-from fvs_engine.sfm.verification.contradicted_pairs import contradicted_pairs
+from fvs_engine.sfm.verification.contradicted_pairs import KnownCameras, contradicted_pairs
 from fvs_engine.sfm.verification.prior_frame import PriorFrame, believed_frame, orientations_contradict
 
 CAMERA = pycolmap.Camera(
@@ -65,8 +65,8 @@ def vetoed(
     assert frame is not None
     pair, keypoints = matched(*seen_from)
     both = {1: CAMERA, 2: CAMERA} if cameras is None else cameras
-    numbers = {1: names[0], 2: names[1]}
-    return bool(contradicted_pairs([pair], keypoints, numbers, both, registered, priors, frame))
+    known = KnownCameras({1: names[0], 2: names[1]}, both, registered)
+    return bool(contradicted_pairs([pair], keypoints, known, priors, frame))
 
 
 @pytest.fixture

@@ -8,12 +8,13 @@ import pytest
 from numpy.typing import NDArray
 
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.batch.mapping import MappedModel, ModelEvidence
+from fvs_engine.sfm.batch.mapping import MappedModel
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import read_keypoints, read_verified_pairs
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import GateSettings
+from fvs_engine.sfm.verification.evidence import ModelEvidence
 from fvs_engine.sfm.verification.gate import PRIORS_IGNORED, Decision, JudgedModel, decide
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 

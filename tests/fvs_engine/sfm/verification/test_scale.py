@@ -8,12 +8,13 @@ import pycolmap
 import pytest
 from numpy.typing import NDArray
 
+from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import GateSettings
-from fvs_engine.sfm.verification.evidence import gather_evidence
+from fvs_engine.sfm.verification.evidence import ModelEvidence
 from fvs_engine.sfm.verification.gate import JudgedModel, Judgement, decide
 from fvs_engine.sfm.verification.scale import DepthRatio, Scale, depth_ratios
 
@@ -69,7 +70,7 @@ def scale(places: Sequence[float], reach: int = 4) -> Scale:
 
 def judged(places: Sequence[float], reach: int = 4) -> tuple[Judgement, Evidence]:
     made = model(places)
-    evidence = gather_evidence(made, *photographed(reach), PosePriors(), {})
+    evidence = ModelEvidence(*photographed(reach), PosePriors()).of(made, Monitor())
     assert evidence is not None
     centres = {image.name: np.asarray(image.projection_center()) for image in made.images.values()}
     decision = decide([JudgedModel("incremental", centres, evidence)], GateSettings())
