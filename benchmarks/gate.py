@@ -136,7 +136,10 @@ def _cases(
             for kind in group
         }
         found.append(
-            [MappedModel.of_models(kind, [make()], of[kind], Monitor()) for kind, make in group.items()]
+            [
+                MappedModel.of_models(kind, [make()], of[kind], GateSettings(), Monitor())
+                for kind, make in group.items()
+            ]
         )
     judged = [_judge(scenes, wrong) for scenes in found]
     open_ = {name: _judge(found[2], wrong, settings) for name, settings in _OPEN.items()}

@@ -27,8 +27,9 @@ from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, ComponentReport, SfmReport
 from fvs_engine.sfm.settings import MapperName, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
+from fvs_engine.sfm.verification.checks import Case
 from fvs_engine.sfm.verification.evidence import ModelEvidence
-from fvs_engine.sfm.verification.gate import Decision, contradictions_of_priors, decide
+from fvs_engine.sfm.verification.gate import Decision, decide
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 _MIN_IMAGES = 2
@@ -100,7 +101,9 @@ def map_images(stages: Stages, count: int, evidence: ModelEvidence) -> list[Mapp
     for mapper in order:
         models = load_models(run_mapper(stages, mapper, count))
         if models:
-            mapped.append(MappedModel.of_models(mapper, models, evidence, stages.monitor))
+            mapped.append(
+                MappedModel.of_models(mapper, models, evidence, stages.settings.gate, stages.monitor)
+            )
         if mapped and _certain(mapped[-1], count, stages.settings):
             break
     return mapped
@@ -235,7 +238,7 @@ def _failure(
     reasons = "; ".join(f"{candidate.mapper}: {' '.join(candidate.reasons)}" for candidate in candidates)
     message = f"Every model contradicts the images' matches or positions. {reasons}"
     if any(
-        contradictions_of_priors(candidate.evidence, candidate.registered, stages.settings.gate)
+        Case(candidate.evidence, candidate.registered, stages.settings.gate).contradicts_priors
         for candidate in candidates
         if candidate.evidence is not None
     ):

@@ -9,7 +9,7 @@ from fvs_engine.sfm.jobs import VetoPairs
 from fvs_engine.sfm.matching.match import match_pairs
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import Stages
-from fvs_engine.sfm.verification.gate import MIN_PRIOR_SUPPORT, PRIORS_IGNORED
+from fvs_engine.sfm.verification.gate import PRIORS_IGNORED
 
 _ORIENTATIONS_IGNORED = (
     "The orientation priors contradict the position priors and are not used. Check from where the angles "
@@ -53,7 +53,7 @@ def veto(stages: Stages, model_dir: Path, names: Sequence[str], priors: PosePrio
     if not answer.believed:
         match_pairs(stages, restore_pairs(stages.folder.database))
         support = answer.contradicted_support
-        if support is not None and support < MIN_PRIOR_SUPPORT:
+        if support is not None and support < stages.settings.gate.min_prior_support:
             return Veto(PosePriors(), informative=False, ignored=(PRIORS_IGNORED,))
     return Veto(
         priors,

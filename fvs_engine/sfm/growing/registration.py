@@ -9,7 +9,7 @@ from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.jobs import RegisterGuided, RegisterImages
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import Stages, fresh_folder
-from fvs_engine.sfm.verification.gate import few_matches, two_places, unknown_distance
+from fvs_engine.sfm.verification.checks import few_matches, two_places, unknown_distance
 from fvs_engine.sfm.warnings import doubtful, not_registered
 from fvs_schema.stages import Stage
 

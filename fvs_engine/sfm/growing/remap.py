@@ -161,7 +161,7 @@ def _is_better(
     When the two models contradict each other, one is wrong, not necessarily that with fewer images: then only
     the matches between images of both count.
     """
-    agreement = agree(current.judged, new.judged)
+    agreement = agree(current.judged, new.judged, settings)
     if agreement is not None and agreement.median_share <= settings.max_disagreement:
         return _explained(new) >= _MIN_GAIN * _explained(current)
     shared = new.judged.centres.keys() & current.judged.centres.keys()

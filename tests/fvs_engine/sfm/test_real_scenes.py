@@ -81,7 +81,7 @@ def judge(model: pycolmap.Reconstruction, folder: Path) -> Judgement:
     pairs = read_verified_pairs(folder / "database.db", MIN_PAIR_MATCHES)
     ids = {image_id for pair in pairs for image_id in (pair.first, pair.second)}
     evidence = ModelEvidence(pairs, read_keypoints(folder / "database.db", ids), PosePriors())
-    mapped = MappedModel.of_models("any", [model], evidence, Monitor())
+    mapped = MappedModel.of_models("any", [model], evidence, GateSettings(), Monitor())
     return decide([mapped.judged], GateSettings()).judgements[0]
 
 

@@ -80,9 +80,7 @@ def test_warnings_of_an_update_that_was_killed_are_returned_once_more(
 ):
     """It was committed, and the caller had not saved what it returned."""
 
-    def register(
-        _stages: object, _images: object, state: GrowthState, *_: object, **__: object
-    ) -> ModelChange:
+    def register(_stages: object, state: GrowthState, *_: object) -> ModelChange:
         return ModelChange(state, warnings=("The wind is strong.",))
 
     monkeypatch.setattr(step_module, "register", register)

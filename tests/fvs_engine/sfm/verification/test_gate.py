@@ -268,7 +268,9 @@ def examined(model: pycolmap.Reconstruction, folder: Path) -> MappedModel:
     pairs = read_verified_pairs(folder / "database.db", MIN_PAIR_MATCHES)
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
     keypoints = read_keypoints(folder / "database.db", ids)
-    return MappedModel.of_models("global", [model], ModelEvidence(pairs, keypoints, PosePriors()), Monitor())
+    return MappedModel.of_models(
+        "global", [model], ModelEvidence(pairs, keypoints, PosePriors()), SETTINGS, Monitor()
+    )
 
 
 def judge_model(model: pycolmap.Reconstruction, folder: Path) -> tuple[Decision, Evidence]:

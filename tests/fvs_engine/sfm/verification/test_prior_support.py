@@ -4,7 +4,7 @@ from scipy.spatial.transform import Rotation
 
 from fvs_engine.geometry import RigidTransform, SimilarityTransform, look_at
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
-from fvs_engine.sfm.verification.gate import MIN_PRIOR_SUPPORT
+from fvs_engine.sfm.settings import GateSettings
 from fvs_engine.sfm.verification.pair_check import PairCheck
 from fvs_engine.sfm.verification.prior_support import prior_support
 
@@ -65,7 +65,7 @@ def test_good_priors_fit_the_pairs_and_those_of_other_images_do_not():
     bad = prior_support(checks, NAMES, known, priors(shuffled))
     assert good == pytest.approx(1.0, abs=0.05)
     assert bad is not None
-    assert bad < MIN_PRIOR_SUPPORT
+    assert bad < GateSettings().min_prior_support
 
 
 def test_the_priors_of_a_wrong_model_still_fit_its_pairs():
@@ -79,13 +79,13 @@ def test_the_priors_of_a_wrong_model_still_fit_its_pairs():
     order = list(range(COUNT))
     by_model = prior_support(checks, NAMES, rotations(ring()), priors(order))
     assert by_model is not None
-    assert by_model >= MIN_PRIOR_SUPPORT
+    assert by_model >= GateSettings().min_prior_support
     wrong = {k: Rotation.random(rng=random).as_matrix() for k in range(COUNT)}
     without = prior_support(checks, NAMES, wrong, priors(order))
     oriented = prior_support(checks, NAMES, wrong, priors(order, oriented=True))
     assert without is not None
     assert oriented is not None
-    assert without < MIN_PRIOR_SUPPORT <= oriented
+    assert without < GateSettings().min_prior_support <= oriented
 
 
 def test_few_pairs_and_baselines_within_the_noise_say_nothing():
