@@ -8,8 +8,7 @@ import numpy as np
 
 from fvs_engine.sfm.report import Verdict
 from fvs_engine.sfm.settings import GateSettings
-from fvs_engine.sfm.verification.links import MIN_LINK_SHARE
-from fvs_engine.sfm.verification.scale import MAX_DEPTH_ERROR
+from fvs_engine.sfm.verification.thresholds import DEPTHS, PAIRS
 
 SHARES = np.arange(0.005, 0.0501, 0.0025).tolist()
 """Candidates for the threshold of loosely linked images."""
@@ -106,14 +105,14 @@ def thresholds() -> list[Threshold]:
     return [
         Threshold(
             "least share of linked features",
-            MIN_LINK_SHARE,
+            PAIRS.min_link_share,
             SHARES,
             lambda case: case.link_share,
             lambda case: case.before if case.mapped else None,
         ),
         Threshold(
             "greatest error of depths",
-            MAX_DEPTH_ERROR,
+            DEPTHS.max_log_error,
             DEPTH_ERRORS,
             lambda case: case.depth_error,
             lambda case: case.pairs,

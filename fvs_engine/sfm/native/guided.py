@@ -14,21 +14,16 @@ from fvs_engine.sfm.colmap.database import image_cameras, image_ids
 from fvs_engine.sfm.colmap.guided_pairs import Pair, take_back_guided_pairs, write_guided_pairs
 from fvs_engine.sfm.colmap.model import camera_poses, rigid_to_pycolmap
 from fvs_engine.sfm.jobs import GuidedRegistration, RegisterGuided
-from fvs_engine.sfm.native.guided_matching import TIGHT, GuidedPose, guided_pose
+from fvs_engine.sfm.native.guided_matching import GuidedPose, guided_pose
 from fvs_engine.sfm.native.known_points import Features, Indices, KnownPoints, camera_of
 from fvs_engine.sfm.native.prior_pose import ExpectedPose, expected_poses
 from fvs_engine.sfm.native.registration import color_points, register
 from fvs_engine.sfm.native.report import Report
+from fvs_engine.sfm.native.thresholds import GUIDED
 from fvs_engine.sfm.native.two_view_points import add_two_view_points
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, supported
 from fvs_engine.sfm.verification.prior_frame import PriorFrame, believed_frame
-
-_MOST_LOOKED_AT, _MOST_GUIDED = 12, 4
-"""Images per call whose known points are read (0.1 s each), and that are matched (up to 0.4 s each)."""
-
-_FITTING = TIGHT / 2
-"""Maximum distance of ordinary matches from the epipolar lines of a guided pose, in focal lengths."""
 
 
 def register_guided(request: RegisterGuided, report: Report) -> GuidedRegistration:
@@ -83,7 +78,7 @@ def _expected_poses(
     }
     turn = {name: number for number, name in enumerate(tried)}
     ordered = sorted(expected, key=lambda name: (name != names[0], turn.get(name, -1), away[name]))
-    return {name: expected[name] for name in ordered[:_MOST_LOOKED_AT]}
+    return {name: expected[name] for name in ordered[: GUIDED.max_looked_at]}
 
 
 def _guided_geometries(
@@ -101,7 +96,7 @@ def _guided_geometries(
     looked_at, matched = list[str](), 0
     with closing(pycolmap.Database.open(database)) as opened:
         for name, pose in expected.items():
-            if matched == _MOST_GUIDED:
+            if matched == GUIDED.max_guided:
                 break
             looked_at.append(name)
             photograph = _Photograph(ids[name], model.camera(cameras[name]), Features.read(opened, ids[name]))
@@ -160,7 +155,7 @@ def _matches(
             np.asarray(camera_of(other).cam_from_img(theirs[matched[:, 1]])).reshape(-1, 2),
             relative.rotation.matrix(),
             np.asarray(relative.translation),
-            _FITTING,
+            GUIDED.max_epipolar,
         )
         found.append(matched[fits])
     return _one_to_one(np.concatenate(found))

@@ -17,48 +17,9 @@ from numpy.typing import NDArray
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.native.known_points import Features, Indices, KnownPoints
 from fvs_engine.sfm.native.prior_pose import Array, ExpectedPose, PoseProblem, project
+from fvs_engine.sfm.native.thresholds import GUIDED
 
-_SIGMAS = 3.0
-"""Half the width of a window, in standard deviations."""
-
-_OBSERVATIONS, _MAX_ANGLE_DEG = 2, 45.0
-"""Observations per point, from the nearest directions; beyond that angle SIFT features do not match."""
-
-_MOST_POINTS = 1_500
-
-_MAX_TURN_DEG, _MAX_OCTAVES = 45.0, 1.2
-"""Tolerances of a feature's orientation and size, relative to those expected."""
-
-_FIRST_RATIO, _RATIO = 0.85, 0.9
-"""Maximum ratios of the angles to the nearest and second nearest descriptor, in wide and narrow windows."""
-
-_MAX_DESCRIPTOR_DEG = 22.0
-"""Angle between descriptors: most true matches are below it, most chance matches above."""
-
-_MIN_MATCHES = 8
-_HYPOTHESES = 4
-"""Number of camera rotations that are refined."""
-
-_SHRINKING = (0.04, 0.02, 0.01, 0.01)
-"""Radii of the windows in the successive refinements, in focal lengths."""
-
-_MOST_APART = 0.3
-"""Maximum angle in rad between directions that agree, however near the points are."""
-
-_NOISES = 5.0
-"""Radius of a window in standard deviations of the matches' pixel positions."""
-
-TIGHT = _SHRINKING[-1]
-"""Radius of the last windows, in focal lengths."""
-
-_BESIDE = np.array([[0.08, 0.0], [-0.08, 0.0], [0.0, 0.08], [0.0, -0.08], [0.06, 0.06], [-0.06, 0.06]])
-"""Displacements of the windows that count chance matches, in focal lengths."""
-
-_LEAST_MATCHES, _LEAST_RATIO = 30, 3.0
-"""Minimum number of matches of a credible pose, and their minimum ratio to chance matches."""
-
-_MOST_SIGMAS = 4.5
-"""Maximum distance of a credible pose from the expected one, in standard deviations."""
+_BESIDE = np.array(GUIDED.displacements)
 
 
 @dataclass(frozen=True, eq=False)
@@ -78,8 +39,8 @@ class GuidedPose:
     @property
     def believed(self) -> bool:
         """Whether there are many more matches than by chance, and the pose is near the expected one."""
-        enough = len(self.points) >= max(_LEAST_MATCHES, _LEAST_RATIO * self.by_chance)
-        return enough and self.sigmas <= _MOST_SIGMAS
+        least = max(GUIDED.min_believed_matches, GUIDED.min_believed_ratio * self.by_chance)
+        return len(self.points) >= least and self.sigmas <= GUIDED.max_believed_sigmas
 
 
 def guided_pose(
@@ -112,22 +73,22 @@ class _Candidates:
         known: KnownPoints, features: Features, camera: pycolmap.Camera, expected: ExpectedPose
     ) -> "_Candidates | None":
         focal = float(camera.mean_focal_length())
-        chosen = known.seen_from(expected.centre, _OBSERVATIONS, _MAX_ANGLE_DEG)
+        chosen = known.seen_from(expected.centre, GUIDED.observations, GUIDED.max_angle_deg)
         pixels, depth = project(camera, expected.camera_from_model, known.xyz)
         turn = expected.orientation_sigma
-        windows = focal * _SIGMAS * np.hypot(expected.position_sigma / np.maximum(depth, 1e-9), turn)
-        margin = focal * _SIGMAS * turn
+        windows = focal * GUIDED.sigmas * np.hypot(expected.position_sigma / np.maximum(depth, 1e-9), turn)
+        margin = focal * GUIDED.sigmas * turn
         inside = (depth > 0) & (pixels > -margin).all(axis=1)
         inside &= (pixels[:, 0] < camera.width + margin) & (pixels[:, 1] < camera.height + margin)
         points = np.unique(known.point[chosen[inside[known.point[chosen]]]])
-        if len(points) < _MIN_MATCHES:
+        if len(points) < GUIDED.min_matches:
             return None
         wanted = np.zeros(len(known.xyz), dtype=bool)
-        wanted[points[:: -(-len(points) // _MOST_POINTS)]] = True
+        wanted[points[:: -(-len(points) // GUIDED.max_points)]] = True
         chosen = chosen[wanted[known.point[chosen]]]
         cosines = known.descriptors[chosen] @ features.descriptors.T
         # Descriptors that are farther apart do not even compete.
-        alike = np.cos(np.radians(_MAX_DESCRIPTOR_DEG) / min(_FIRST_RATIO, _RATIO))
+        alike = np.cos(np.radians(GUIDED.max_descriptor_deg) / min(GUIDED.first_ratio, GUIDED.ratio))
         observation, feature = np.nonzero(cosines > alike)
         angle = np.arccos(np.minimum(cosines[observation, feature], 1.0))
         # Displaced windows are covered, too: chance matches are counted there.
@@ -170,13 +131,13 @@ class _Candidates:
         best_of_feature = np.full(len(self.pixels), np.inf, dtype=angle.dtype)
         np.minimum.at(best_of_feature, feature, angle)
         good = first & (angle < ratio * following) & (angle <= best_of_feature[feature])
-        good &= angle < np.radians(_MAX_DESCRIPTOR_DEG)
+        good &= angle < np.radians(GUIDED.max_descriptor_deg)
         return point[good], feature[good]
 
     def starts(self) -> Iterator[tuple[RigidTransform, Indices, Indices]]:
         """Rotated poses and the matches that agree with each, the best supported first."""
-        point, feature = self.match(self.expected.camera_from_model, self.windows, _FIRST_RATIO)
-        if len(point) < _MIN_MATCHES:
+        point, feature = self.match(self.expected.camera_from_model, self.windows, GUIDED.first_ratio)
+        if len(point) < GUIDED.min_matches:
             return
         expected, rotation = self.expected, self.expected.camera_from_model.rotation
         towards = _unit((self.known.xyz[point] - expected.centre) @ rotation.T)
@@ -184,7 +145,7 @@ class _Candidates:
         shown = _unit(np.c_[shown, np.ones(len(shown))])
         turns = _turns(towards, shown)
         away = np.median(np.linalg.norm(self.known.xyz[point] - expected.centre, axis=1))
-        limit = np.cos(min(_SHRINKING[0] + 1.5 * expected.position_sigma / away, _MOST_APART))
+        limit = np.cos(min(GUIDED.windows[0] + 1.5 * expected.position_sigma / away, GUIDED.max_apart_rad))
         agree = np.einsum("hij,pj,pi->hp", turns, towards, shown) > limit
         tried: list[Array] = []
         for best in np.argsort(-agree.sum(axis=1), kind="stable"):
@@ -193,23 +154,24 @@ class _Candidates:
                 continue
             tried.append(turns[best])
             yield expected.turned(turns[best]), point[agree[best]], feature[agree[best]]
-            if len(tried) == _HYPOTHESES:
+            if len(tried) == GUIDED.hypotheses:
                 return
 
     def follow(self, start: tuple[RigidTransform, Indices, Indices]) -> GuidedPose | None:
         """Refine a starting pose with shrinking windows."""
         pose, point, feature = start
         focal = float(self.camera.mean_focal_length())
-        noise = _SHRINKING[0] / _NOISES
-        for radius in _SHRINKING:
+        noise = GUIDED.windows[0] / GUIDED.window_sigmas
+        for radius in GUIDED.windows:
             pose = self._problem(point, feature, noise * focal).refine(pose)
-            point, feature = self.match(pose, radius * focal, _RATIO)
-            noise = radius / _NOISES
-            if len(point) < _MIN_MATCHES:
+            point, feature = self.match(pose, radius * focal, GUIDED.ratio)
+            noise = radius / GUIDED.window_sigmas
+            if len(point) < GUIDED.min_matches:
                 return None
         pose = self._problem(point, feature, noise * focal).refine(pose)
-        point, feature = self.match(pose, TIGHT * focal, _RATIO)
-        chance = [len(self.match(pose, TIGHT * focal, _RATIO, focal * beside)[0]) for beside in _BESIDE]
+        tight, ratio = GUIDED.tight * focal, GUIDED.ratio
+        point, feature = self.match(pose, tight, ratio)
+        chance = [len(self.match(pose, tight, ratio, focal * beside)[0]) for beside in _BESIDE]
         return GuidedPose(pose, point, feature, max(chance), self.expected.sigmas_of(pose))
 
     def _problem(self, point: Indices, feature: Indices, noise_px: float) -> PoseProblem:
@@ -234,7 +196,7 @@ def _alike(expected: Array, axes: Array) -> NDArray[np.bool_]:
     lengths = _lengths(expected)[:, 0], _lengths(axes)[:, 0]
     cosines = (expected * axes).sum(axis=1) / (lengths[0] * lengths[1])
     octaves = np.abs(np.log2(lengths[1] / lengths[0]))
-    return np.asarray((cosines > np.cos(np.radians(_MAX_TURN_DEG))) & (octaves < _MAX_OCTAVES))
+    return np.asarray((cosines > np.cos(np.radians(GUIDED.max_turn_deg))) & (octaves < GUIDED.max_octaves))
 
 
 def _turns(first: Array, second: Array) -> Array:

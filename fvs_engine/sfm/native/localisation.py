@@ -10,10 +10,11 @@ from fvs_engine.sfm.colmap.model import rigid_from_pycolmap, rigid_to_pycolmap
 from fvs_engine.sfm.jobs import CopyFeatures, Localisation, LocalisedImage, LocaliseImages
 from fvs_engine.sfm.native.known_points import points_seen
 from fvs_engine.sfm.native.pose_check import PoseCheck
-from fvs_engine.sfm.native.pose_search import MIN_POSE_POINTS, MIN_SIGMA_PX, best_pose
+from fvs_engine.sfm.native.pose_search import best_pose
 from fvs_engine.sfm.native.prior_pose import PoseProblem
 from fvs_engine.sfm.native.report import Report
 from fvs_engine.sfm.native.robust_adjustment import error_sigma_px
+from fvs_engine.sfm.native.thresholds import POSES
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 
 
@@ -57,7 +58,7 @@ def localise(request: LocaliseImages, report: Report) -> Localisation:
         for name in neighbours:
             cameras[name] = opened.read_camera(opened.read_image(ids[name]).camera_id)
     check = PoseCheck(translated, features, request.min_image_support, request.priors)
-    search = _Search(model, check, max(error_sigma_px(model), MIN_SIGMA_PX), request.seed)
+    search = _Search(model, check, max(error_sigma_px(model), POSES.min_sigma_px), request.seed)
     localised: dict[str, LocalisedImage] = {}
     for done, (name, guest) in enumerate(guests.items(), start=1):
         sibling = request.siblings.get(name)
@@ -100,7 +101,7 @@ class _Search:
         model, guest = self.model, image.image_id
         own = [pair for pair in self.check.pairs if guest in (pair.first, pair.second)]
         seen = points_seen(model, guest, own)
-        if len(seen) < MIN_POSE_POINTS:
+        if len(seen) < POSES.min_points:
             return False
         if sibling is None:
             camera = pycolmap.Camera(camera.todict() | {"camera_id": max(model.cameras) + 1})
@@ -117,7 +118,7 @@ class _Search:
         pixels = np.stack([self.check.keypoints[guest][feature] for feature, _ in seen])
         points = np.stack([model.point3D(point).xyz for _, point in seen])
         answer = pycolmap.estimate_and_refine_absolute_pose(pixels, points, camera, estimation, refinement)
-        if answer is None or answer["num_inliers"] < MIN_POSE_POINTS:
+        if answer is None or answer["num_inliers"] < POSES.min_points:
             return False
         if sibling is None:
             model.add_camera_with_trivial_rig(camera)

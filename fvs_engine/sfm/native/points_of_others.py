@@ -8,12 +8,10 @@ import pycolmap
 
 from fvs_engine.sfm.native.known_points import camera_of
 from fvs_engine.sfm.native.prior_pose import Array
+from fvs_engine.sfm.native.thresholds import POSES
 
 Matches = Sequence[tuple[int, int]]
 """Features of an image and the points that they show, by their ids."""
-
-_FEW_POINTS = 200
-"""Number of points, each seen by two other images, below which an image hangs on few points."""
 
 LIMITS = pycolmap.IncrementalMapperOptions()
 """COLMAP's limits of the error of an observation, and of the angle between the rays to a point."""
@@ -26,7 +24,7 @@ def hangs_on_few_points(model: pycolmap.Reconstruction, image: pycolmap.Image) -
         for point in image.points2D
         if point.has_point3D() and model.point3D(point.point3D_id).track.length() >= 3
     )
-    return sum(1 for _ in islice(held, _FEW_POINTS)) < _FEW_POINTS
+    return sum(1 for _ in islice(held, POSES.few_points)) < POSES.few_points
 
 
 def observations(image: pycolmap.Image) -> Matches:

@@ -9,6 +9,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from fvs_engine.sfm.colmap.database import VerifiedPair, read_keypoints, read_verified_pairs
+from fvs_engine.sfm.native.thresholds import POSES
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.conflicting_views import conflicting_views
 from fvs_engine.sfm.verification.links import Links
@@ -20,9 +21,6 @@ Keypoints = Mapping[int, NDArray[np.float64]]
 
 _Camera = tuple[int, bytes, bytes]
 """An image's id, pose and intrinsics."""
-
-_MOST_NEAR = 12
-"""Number of best matching images whose depths are compared with an image's own."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,7 +97,7 @@ class PoseCheck:
         near = set(ids)
         for i in ids:
             own = [pair for pair in self.pairs if i in (pair.first, pair.second)]
-            for pair in sorted(own, key=lambda pair: -len(pair.matches))[:_MOST_NEAR]:
+            for pair in sorted(own, key=lambda pair: -len(pair.matches))[: POSES.max_near]:
                 near |= {pair.first, pair.second}
         inside = [pair for pair in self.pairs if pair.first in near and pair.second in near]
         posed = {i: image for i, image in model.images.items() if i in near and image.has_pose}

@@ -19,19 +19,11 @@ from fvs_engine.sfm.colmap.database import VerifiedPair, read_verified_pairs
 from fvs_engine.sfm.colmap.model import rigid_from_pycolmap, rigid_to_pycolmap
 from fvs_engine.sfm.native.known_points import camera_of, points_seen
 from fvs_engine.sfm.native.points_of_others import LIMITS, Matches, Rays, hangs_on_few_points
-from fvs_engine.sfm.native.pose_search import MIN_POSE_POINTS, MIN_SIGMA_PX, best_pose
+from fvs_engine.sfm.native.pose_search import best_pose
 from fvs_engine.sfm.native.prior_pose import Array, ExpectedPose, PoseProblem, project
 from fvs_engine.sfm.native.robust_adjustment import error_sigma_px
+from fvs_engine.sfm.native.thresholds import POSES
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
-
-_LOWER_COST = 5.0
-"""By how much another pose must lower the cost.
-
-That is one or two matches that only the other pose fits, or many that it fits better.
-"""
-
-_STILL_EXPLAINED = 0.9
-"""Share of the verified matches that the old pose explains, which another one must explain at least."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -72,7 +64,7 @@ class PoseReview:
                 pairs[pair.first].append(pair)
                 pairs[pair.second].append(pair)
         expected, rays = self.expected_of(names), Rays(model)
-        sigma_px = max(error_sigma_px(model), MIN_SIGMA_PX)
+        sigma_px = max(error_sigma_px(model), POSES.min_sigma_px)
 
         def better_pose(image: pycolmap.Image, matches: Matches) -> tuple[float, RigidTransform]:
             points = rays.points_of_others(image, matches)
@@ -86,11 +78,11 @@ class PoseReview:
         gains = [(better_pose(image, matches_of(image))[0], image) for image in few]
         changed = []
         for gain, image in sorted(gains, key=lambda found: -found[0]):
-            if gain <= _LOWER_COST:
+            if gain <= POSES.min_gain:
                 break
             matches = matches_of(image)
             gain, pose = better_pose(image, matches)
-            if gain > _LOWER_COST and self._accept(image, pose, pairs[image.image_id]):
+            if gain > POSES.min_gain and self._accept(image, pose, pairs[image.image_id]):
                 _drop_misfits(model, self.observations, image, rays)
                 _add_fitting(model, self.observations, image, matches)
                 changed.append(image.name)
@@ -102,7 +94,7 @@ class PoseReview:
         frame, present = model.frame(image.frame_id), rigid_from_pycolmap(image.cam_from_world())
         explained, contradicted = _explained(model, pairs), self.contradicts(image_id)
         frame.rig_from_world = rigid_to_pycolmap(pose)
-        enough = _explained(model, pairs) >= _STILL_EXPLAINED * explained
+        enough = _explained(model, pairs) >= POSES.still_explained * explained
         if enough and (contradicted or not self.contradicts(image_id)):
             return True
         frame.rig_from_world = rigid_to_pycolmap(present)
@@ -112,7 +104,7 @@ class PoseReview:
 def _better_pose(image: pycolmap.Image, problem: PoseProblem, seed: int) -> tuple[float, RigidTransform]:
     """The pose that solves the ``problem`` best, and by how much its cost is below that of the image's."""
     present = rigid_from_pycolmap(image.cam_from_world())
-    if len(problem.points) < MIN_POSE_POINTS:
+    if len(problem.points) < POSES.min_points:
         return 0.0, present
     best = best_pose(present, problem, seed)
     return problem.cost(present) - problem.cost(best), best

@@ -15,24 +15,9 @@ from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.sfm.colmap.model import rigid_from_pycolmap
 from fvs_engine.sfm.native.known_points import camera_of
 from fvs_engine.sfm.native.points_of_others import Rays, hangs_on_few_points, observations
-from fvs_engine.sfm.native.pose_search import MIN_SIGMA_PX
 from fvs_engine.sfm.native.prior_pose import Array, PoseProblem, project
 from fvs_engine.sfm.native.robust_adjustment import MEDIAN_LENGTH
-
-MAX_SHARE = 0.02
-"""Maximum standard deviation of a position, in spreads of the camera centres."""
-
-_MIN_CAMERAS = 5
-"""Minimum number of registered images: with three, right images are rejected, too."""
-
-_MIN_POINTS = 10
-"""Minimum number of points for judging a position."""
-
-_CELLS = (6, 4)
-"""Columns and rows of the parts of an image. A sixth of it has often all matches of one edge or surface."""
-
-_LEAST_LEFT = 6
-"""Minimum number of points outside a cell: three determine a pose, and leave no errors to judge it by."""
+from fvs_engine.sfm.native.thresholds import POSES
 
 
 def position_share(model: pycolmap.Reconstruction, image: pycolmap.Image, rays: Rays) -> float | None:
@@ -41,10 +26,10 @@ def position_share(model: pycolmap.Reconstruction, image: pycolmap.Image, rays: 
     In its least certain direction, by the points that other images see; the image's prior does not count.
     None where many points hold the image, and where too few points or images tell.
     """
-    if model.num_reg_images() < _MIN_CAMERAS or not hangs_on_few_points(model, image):
+    if model.num_reg_images() < POSES.min_cameras or not hangs_on_few_points(model, image):
         return None
     points, pixels = rays.points_of_others(image, observations(image))
-    if len(points) < _MIN_POINTS:
+    if len(points) < POSES.min_judged_points:
         return None
     sigma = centre_sigma(rigid_from_pycolmap(image.cam_from_world()), points, pixels, camera_of(image))
     centres = [model.image(image_id).projection_center() for image_id in model.reg_image_ids()]
@@ -69,15 +54,15 @@ def centre_sigma(
     """
     seen, _ = project(camera, camera_from_model, points)
     error_px = float(np.median(np.linalg.norm(seen - pixels, axis=1)))
-    noise_px = max(error_px / MEDIAN_LENGTH, MIN_SIGMA_PX)
-    cells = np.floor(pixels / (camera.width, camera.height) * _CELLS) @ (_CELLS[1], 1)
+    noise_px = max(error_px / MEDIAN_LENGTH, POSES.min_sigma_px)
+    cells = np.floor(pixels / (camera.width, camera.height) * POSES.cells) @ (POSES.cells[1], 1)
     try:
         problem = PoseProblem(points, pixels, camera, noise_px)
         pose = problem.refine(camera_from_model)
         centres = []
         for cell in np.unique(cells):
             kept = cells != cell
-            if kept.sum() < _LEAST_LEFT:
+            if kept.sum() < POSES.min_points_left:
                 return np.inf
             centres.append(problem.of(kept).refine(pose).inverse().translation)
     except (InvalidInputError, np.linalg.LinAlgError):  # no point is ahead of it

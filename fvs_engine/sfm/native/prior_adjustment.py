@@ -6,12 +6,10 @@ import pycolmap
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.sfm.colmap.model import camera_poses
 from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment
+from fvs_engine.sfm.native.thresholds import ADJUSTMENT
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.positions import misplaced
 from fvs_engine.sfm.verification.prior_frame import believed_frame
-
-_LEAST_SIGMA_SHARE = 0.005
-"""Minimum standard deviation of a prior, as a share of the cameras' distance from their middle."""
 
 
 def adjust_with_priors(adjustment: RobustAdjustment, priors: PosePriors, seed: int) -> bool:
@@ -33,7 +31,7 @@ def adjust_with_priors(adjustment: RobustAdjustment, priors: PosePriors, seed: i
     images = [model.image(image_id) for image_id in model.reg_image_ids()]
     known = [image for image in images if image.name in priors.by_name and image.name not in wrong]
     world = priors.positions([image.name for image in known])
-    least = _LEAST_SIGMA_SHARE * centre_spread(world)
+    least = ADJUSTMENT.min_prior_sigma_share * centre_spread(world)
     positions = []
     for image in known:
         prior = priors.by_name[image.name]

@@ -9,24 +9,11 @@ from numpy.typing import NDArray
 
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.rotations import matrix_from_rotation_vector
+from fvs_engine.sfm.native.thresholds import POSES
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.verification.prior_frame import PriorFrame, is_vague
 
 Array = NDArray[np.float64]
-
-_LEAST_POSITION_SHARE = 0.005
-"""Minimum position sigma, as a share of the cameras' distance from their middle: models have errors, too."""
-
-_LEAST_ORIENTATION_DEG = 1.0
-
-_DOUBTED_SIGMAS = 3.0
-"""Scale of the robust loss, in standard deviations."""
-
-_BEHIND = 1e6
-"""Square of the error, in standard deviations, of a point behind the camera."""
-
-_ITERATIONS = 12
-_DAMPING = 1e-6
 
 
 @dataclass(frozen=True, eq=False)
@@ -56,8 +43,10 @@ class ExpectedPose:
         spread = np.sqrt(away / len(world))
         noise = max(prior.position_sigma, frame.position_noise)
         sigma = noise * np.sqrt(1.0 + 1.0 / len(world) + outside)
-        least = _LEAST_POSITION_SHARE * spread
-        turned_deg = max(prior.orientation_sigma_deg, frame.orientation_noise_deg, _LEAST_ORIENTATION_DEG)
+        least = POSES.min_prior_position_share * spread
+        turned_deg = max(
+            prior.orientation_sigma_deg, frame.orientation_noise_deg, POSES.min_prior_orientation_deg
+        )
         model_from_world = frame.world_from_model.inverse()
         return ExpectedPose(
             model_from_world.move_camera(world_from_camera).inverse(),
@@ -123,13 +112,13 @@ class PoseProblem:
         seen = np.asarray(self.camera.cam_from_img(self.pixels)).reshape(-1, 2)
         expected = self.expected
         rotation, centre = camera_from_model.rotation, camera_from_model.inverse().translation
-        for _ in range(_ITERATIONS):
+        for _ in range(POSES.iterations):
             local = (self.points - centre) @ rotation.T
             ahead = local[:, 2] > 1e-9
             x, y, z = local[ahead].T
             unit = focal / self.noise_px
             errors = unit * (np.stack([x / z, y / z], axis=1) - seen[ahead])
-            weights = 1.0 / (1.0 + (errors**2).sum(axis=1) / _DOUBTED_SIGMAS**2)
+            weights = 1.0 / (1.0 + (errors**2).sum(axis=1) / POSES.doubted_sigmas**2)
             zero = np.zeros_like(z)
             by_local = (unit / z)[:, None, None] * np.stack(
                 [np.stack([zero + 1, zero, -x / z], axis=1), np.stack([zero, zero + 1, -y / z], axis=1)],
@@ -148,11 +137,13 @@ class PoseProblem:
                     (turn_error, expected.orientation_sigma, slice(0, 3)),
                     (shift_error, expected.position_sigma, slice(3, 6)),
                 ):
-                    weight = 1.0 / (1.0 + float(error @ error) / _DOUBTED_SIGMAS**2)
+                    weight = 1.0 / (1.0 + float(error @ error) / POSES.doubted_sigmas**2)
                     normal[part, part] += weight / sigma**2 * np.eye(3)
                     gradient[part] += weight / sigma * error
             scale = np.sqrt(np.maximum(np.diag(normal), 1e-300))
-            step = -np.linalg.solve(normal / np.outer(scale, scale) + _DAMPING * np.eye(6), gradient / scale)
+            step = -np.linalg.solve(
+                normal / np.outer(scale, scale) + POSES.damping * np.eye(6), gradient / scale
+            )
             step /= scale
             rotation = matrix_from_rotation_vector(step[:3]) @ rotation
             centre = centre + step[3:]
@@ -166,7 +157,7 @@ class PoseProblem:
         A point behind the camera counts as one far off.
         """
         pixel, depth = project(self.camera, camera_from_model, self.points)
-        squares = np.full(len(self.points), _BEHIND)
+        squares = np.full(len(self.points), POSES.behind)
         ahead = (depth > 1e-9) & np.isfinite(pixel).all(axis=1)
         squares[ahead] = ((pixel[ahead] - self.pixels[ahead]) ** 2).sum(axis=1) / self.noise_px**2
         expected = self.expected
@@ -175,7 +166,7 @@ class PoseProblem:
             shift = camera_from_model.inverse().translation - expected.centre
             deviations = (turn / expected.orientation_sigma, shift / expected.position_sigma)
             squares = np.append(squares, [float(error @ error) for error in deviations])
-        return float(np.log1p(squares / _DOUBTED_SIGMAS**2).sum())
+        return float(np.log1p(squares / POSES.doubted_sigmas**2).sum())
 
 
 def project(camera: pycolmap.Camera, camera_from_model: RigidTransform, points: Array) -> tuple[Array, Array]:

@@ -17,7 +17,7 @@ from fvs_engine.sfm.native.match_cache import load_all, load_around, set_cameras
 from fvs_engine.sfm.native.points_of_others import Rays
 from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.native.pose_review import PoseReview
-from fvs_engine.sfm.native.pose_uncertainty import MAX_SHARE, position_share, why_uncertain
+from fvs_engine.sfm.native.pose_uncertainty import position_share, why_uncertain
 from fvs_engine.sfm.native.prior_adjustment import adjust_with_priors
 from fvs_engine.sfm.native.prior_pose import expected_poses
 from fvs_engine.sfm.native.report import Report
@@ -28,11 +28,9 @@ from fvs_engine.sfm.native.robust_adjustment import (
     is_likely,
     use_robust_loss,
 )
+from fvs_engine.sfm.native.thresholds import POSES
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.prior_frame import believed_frame
-
-_MAX_REJECTIONS = 3
-"""Number of rejections of an image's pose in one call after which it is not retried."""
 
 
 @dataclass(frozen=True)
@@ -154,7 +152,7 @@ class Growth:
                 if (
                     name not in names
                     or name in self._rejected_now
-                    or self._rejections[name] >= _MAX_REJECTIONS
+                    or self._rejections[name] >= POSES.max_rejections
                 ):
                     continue
                 if self._register_one(image_id, structure_less):
@@ -284,7 +282,7 @@ class Growth:
             judged = {name: share for name, share in found.items() if share is not None}
             shares = {name: judged.get(name, np.inf) for name in images if name in judged or name in shares}
             worst = max(shares, key=lambda name: shares[name], default=None)
-            if worst is None or shares[worst] <= MAX_SHARE:
+            if worst is None or shares[worst] <= POSES.max_position_share:
                 return
             self._reject(images[worst], why_uncertain(shares[worst]))
 

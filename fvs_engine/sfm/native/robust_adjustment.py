@@ -13,27 +13,12 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
-MIN_IMAGES_OF_LENS = 10
-"""Number of images of a camera from which its principal point and second radial coefficient are estimated."""
+from fvs_engine.sfm.native.thresholds import ADJUSTMENT
 
 _LENS = "RADIAL"
 
-_CAUCHY = 2.385
-"""Scale of Cauchy's loss in standard deviations, for 95 % of the efficiency of least squares."""
-
 MEDIAN_LENGTH = 1.177
 """Median length of a normal vector in the plane, in standard deviations of its coordinates."""
-
-_MIN_SIGMA_PX = 0.2
-"""Minimum standard deviation of reprojection errors that is assumed."""
-
-_MIN_SPREAD_DEG = 3.0
-"""Minimum spread of the directions of view. Cameras that all look in one direction, as a drone's that
-photographs the ground, do not determine a lens: its errors trade with the depths of the points.
-"""
-
-_TOLERANCE, _ITERATIONS = 1e-5, 50
-"""Relative change of the cost below which the solver stops, and its maximum number of iterations."""
 
 
 class RobustAdjustment:
@@ -64,14 +49,14 @@ class RobustAdjustment:
                 camera = model.camera(camera_id)
                 self._before[camera_id] = camera.model, list(camera.params)
                 _make_radial(camera)
-        self.sigma_px = max(error_sigma_px(model), _MIN_SIGMA_PX)
+        self.sigma_px = max(error_sigma_px(model), ADJUSTMENT.min_sigma_px)
         self.options = pycolmap.BundleAdjustmentOptions()
         self.options.print_summary = False
         self.options.refine_focal_length = self.options.refine_extra_params = refine
         self.options.refine_principal_point = whole
         use_robust_loss(self.options, self.sigma_px)
-        self.options.ceres.solver_options.function_tolerance = _TOLERANCE
-        self.options.ceres.solver_options.max_num_iterations = _ITERATIONS
+        self.options.ceres.solver_options.function_tolerance = ADJUSTMENT.tolerance
+        self.options.ceres.solver_options.max_num_iterations = ADJUSTMENT.iterations
         self.options.ceres.solver_options.num_threads = threads
 
     def solve(self) -> None:
@@ -97,13 +82,13 @@ def error_sigma_px(model: pycolmap.Reconstruction) -> float:
     """Standard deviation of each coordinate of the reprojection errors, from their median length."""
     model.update_point_3d_errors()
     errors = [point.error for point in model.points3D.values()]
-    return float(np.median(errors)) / MEDIAN_LENGTH if errors else _MIN_SIGMA_PX
+    return float(np.median(errors)) / MEDIAN_LENGTH if errors else ADJUSTMENT.min_sigma_px
 
 
 def use_robust_loss(options: pycolmap.BundleAdjustmentOptions, sigma_px: float) -> None:
     """Have a bundle adjustment give less weight to what is far off, for errors of ``sigma_px``."""
     options.ceres.loss_function_type = pycolmap.LossFunctionType.CAUCHY
-    options.ceres.loss_function_scale = _CAUCHY * max(sigma_px, _MIN_SIGMA_PX)
+    options.ceres.loss_function_scale = ADJUSTMENT.cauchy * max(sigma_px, ADJUSTMENT.min_sigma_px)
 
 
 def estimated_lenses(model: pycolmap.Reconstruction) -> dict[int, list[float]]:
@@ -133,8 +118,8 @@ def remove_outliers(model: pycolmap.Reconstruction) -> None:
 
 def _determine_a_lens(directions: Sequence[NDArray[np.float64]]) -> bool:
     """Whether images with these viewing directions (unit vectors) determine the lens of their camera."""
-    spread = math.cos(math.radians(_MIN_SPREAD_DEG))
-    return len(directions) >= MIN_IMAGES_OF_LENS and bool(
+    spread = math.cos(math.radians(ADJUSTMENT.min_view_spread_deg))
+    return len(directions) >= ADJUSTMENT.min_images_of_lens and bool(
         np.linalg.norm(np.mean(directions, axis=0)) < spread
     )
 

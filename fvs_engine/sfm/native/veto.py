@@ -25,9 +25,7 @@ from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs
 from fvs_engine.sfm.verification.positions import contradict, informative
 from fvs_engine.sfm.verification.prior_frame import believed_frame, orientations_contradict
 from fvs_engine.sfm.verification.prior_support import prior_support
-
-_MOST_PAIRS = 60
-"""Maximum number of pairs to check: more do not improve the estimate, and each takes 10 ms."""
+from fvs_engine.sfm.verification.thresholds import PRIORS
 
 
 def veto(request: VetoPairs, _report: Report) -> PairVeto:
@@ -89,7 +87,7 @@ def _support(
     if not contradict(priors, centres):
         return None
     inside = [pair for pair in pairs if pair.first in posed and pair.second in posed]
-    inside = inside[:: max(1, -(-len(inside) // _MOST_PAIRS))]
+    inside = inside[:: max(1, -(-len(inside) // PRIORS.max_checked_pairs))]
     keypoints = read_keypoints(database, {i for pair in inside for i in (pair.first, pair.second)})
     rotations = {i: image.cam_from_world().rotation.matrix().T for i, image in posed.items()}
     return prior_support(check_pairs(model, inside, keypoints), names, rotations, priors)

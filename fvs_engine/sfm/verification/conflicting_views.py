@@ -16,27 +16,10 @@ from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.cameras import Camera
 from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.colmap.model import camera_from_pycolmap, rigid_from_pycolmap
+from fvs_engine.sfm.verification.thresholds import CONFLICTS
 
 Array = NDArray[np.float64]
 Cells = NDArray[np.int64]
-
-_MIN_MATCHED_SHARE = 0.08
-"""Share of the features that match, from which on two images show much the same.
-
-See ``docs/design/gate.md`` for the measurements behind the thresholds.
-"""
-
-_MAX_ANGLE_DEG, _MAX_DISTANCE_RATIO = 8.0, 1.2
-"""Angle between two views of a point, and ratio of their distances to it, up to which both must show it."""
-
-_CELLS = 8
-"""Rows and columns of cells of an image."""
-
-_MIN_POINTS, _MIN_FEATURES = 3, 5
-"""Points of the other image in a cell from which on some must be seen, if there are so many features."""
-
-_MIN_CELLS, _MIN_SHARE = 15, 1 / 3
-"""Cells without any, and their share of all in which points are expected, from which on images conflict."""
 
 
 def conflicting_views(
@@ -56,7 +39,7 @@ def conflicting_views(
         ids = pair.first, pair.second
         if not all(model.exists_image(i) and model.image(i).has_pose for i in ids):
             continue
-        if len(pair.matches) < _MIN_MATCHED_SHARE * min(len(keypoints[i]) for i in ids):
+        if len(pair.matches) < CONFLICTS.min_matched_share * min(len(keypoints[i]) for i in ids):
             continue
         if on_pair is not None:
             on_pair()
@@ -103,20 +86,24 @@ class _View:
         local = self.camera_from_model.apply(other.xyz)
         to_own, to_other = self.centre - other.xyz, other.centre - other.xyz
         own, others = np.linalg.norm(to_own, axis=1), np.linalg.norm(to_other, axis=1)
-        near = (to_own * to_other).sum(axis=1) >= np.cos(np.radians(_MAX_ANGLE_DEG)) * own * others
-        near &= np.maximum(own, others) <= _MAX_DISTANCE_RATIO * np.minimum(own, others)
+        near = (to_own * to_other).sum(axis=1) >= np.cos(np.radians(CONFLICTS.max_angle_deg)) * own * others
+        near &= np.maximum(own, others) <= CONFLICTS.max_distance_ratio * np.minimum(own, others)
         pixels = np.nan_to_num(self.camera.project(local[near]), nan=-1.0)
         inside = ((pixels >= 0) & (pixels < (self.camera.width, self.camera.height))).all(axis=1)
         expected = _per_cell(pixels[inside], self.camera)
         both = np.isin(other.ids[near][inside], self.ids)
         shown = _per_cell(pixels[inside][both], self.camera) > 0
-        needed = expected >= _MIN_POINTS
-        missing = needed & ~shown & (self.features >= _MIN_FEATURES)
+        needed = expected >= CONFLICTS.min_points
+        missing = needed & ~shown & (self.features >= CONFLICTS.min_features)
         count = int(missing.sum())
-        return count >= _MIN_CELLS and count >= _MIN_SHARE * (count + int((needed & shown).sum()))
+        return count >= CONFLICTS.min_cells and count >= CONFLICTS.min_share * (
+            count + int((needed & shown).sum())
+        )
 
 
 def _per_cell(pixels: Array, camera: Camera) -> Cells:
     """How many ``pixels`` [N, 2] are in each cell [64] of an image."""
-    columns, rows = np.clip(np.floor(pixels / (camera.width, camera.height) * _CELLS), 0, _CELLS - 1).T
-    return np.bincount((columns * _CELLS + rows).astype(np.int64), minlength=_CELLS**2)
+    columns, rows = np.clip(
+        np.floor(pixels / (camera.width, camera.height) * CONFLICTS.cells), 0, CONFLICTS.cells - 1
+    ).T
+    return np.bincount((columns * CONFLICTS.cells + rows).astype(np.int64), minlength=CONFLICTS.cells**2)

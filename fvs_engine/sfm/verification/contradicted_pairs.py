@@ -17,7 +17,8 @@ from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.pair_check import relative_pose, vector_angle_deg
 from fvs_engine.sfm.verification.prior_frame import PriorFrame
-from fvs_engine.sfm.verification.prior_support import SIGMAS, limits_deg
+from fvs_engine.sfm.verification.prior_support import limits_deg
+from fvs_engine.sfm.verification.thresholds import PRIORS
 
 Array = NDArray[np.float64]
 
@@ -74,7 +75,7 @@ def contradicted_pairs(
         expected = end - start
         sigma = np.maximum(priors.position_sigmas([first, second]).max(keepdims=True), frame.position_noise)
         limit_deg = float(limits_deg(np.linalg.norm(expected[None], axis=1), sigma)[0])
-        if vector_angle_deg(baseline, expected) > limit_deg + SIGMAS * sigma_deg:
+        if vector_angle_deg(baseline, expected) > limit_deg + PRIORS.sigmas * sigma_deg:
             found.append(pair)
     return found
 

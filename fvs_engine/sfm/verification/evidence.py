@@ -22,12 +22,9 @@ from fvs_engine.sfm.verification.pair_check import PairCheck, angle_deg, check_p
 from fvs_engine.sfm.verification.positions import misplaced, residual_share
 from fvs_engine.sfm.verification.prior_support import prior_support
 from fvs_engine.sfm.verification.scale import Scale, depth_ratios
+from fvs_engine.sfm.verification.thresholds import PAIRS
 
 Array = NDArray[np.float64]
-
-_MAX_ROTATION_DEG = 5.0
-_MAX_DIRECTION_DEG = 15.0
-_MAX_TRIPLETS = 20_000
 
 
 @dataclass(frozen=True, eq=False)
@@ -99,8 +96,8 @@ def cycle_consistency(checks: Sequence[PairCheck]) -> float | None:
             for c, c_from_b in rotations.get(b, {}).items():
                 if c in ahead:
                     total += 1
-                    closed += angle_deg(ahead[c].T @ c_from_b @ b_from_a) < _MAX_ROTATION_DEG
-                    if total == _MAX_TRIPLETS:
+                    closed += angle_deg(ahead[c].T @ c_from_b @ b_from_a) < PAIRS.max_rotation_deg
+                    if total == PAIRS.max_triplets:
                         return closed / total
     return closed / total if total > 0 else None
 
@@ -110,11 +107,11 @@ def _match_support(checks: Sequence[PairCheck]) -> float:
 
 
 def _rotation_support(checks: Sequence[PairCheck]) -> float | None:
-    return _weighted_share([check.rotation_error_deg for check in checks], _MAX_ROTATION_DEG, checks)
+    return _weighted_share([check.rotation_error_deg for check in checks], PAIRS.max_rotation_deg, checks)
 
 
 def _translation_support(checks: Sequence[PairCheck]) -> float | None:
-    return _weighted_share([check.direction_error_deg for check in checks], _MAX_DIRECTION_DEG, checks)
+    return _weighted_share([check.direction_error_deg for check in checks], PAIRS.max_direction_deg, checks)
 
 
 def _weighted_share(

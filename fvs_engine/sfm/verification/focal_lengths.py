@@ -8,11 +8,7 @@ from collections.abc import Mapping
 
 import pycolmap
 
-_MAX_CHANGE = 1.5
-"""Factor between a focal length prior and the refined focal length; EXIF is right to a few per cent."""
-
-_SHARES = (0.35, 3.0)
-"""Focal lengths of usual lenses in shares of the long side of the image: 110° to 19° across."""
+from fvs_engine.sfm.verification.thresholds import PRIORS
 
 
 def unlikely_focal_lengths(model: pycolmap.Reconstruction, priors: Mapping[int, float]) -> tuple[float, ...]:
@@ -30,8 +26,8 @@ def _unlikely(camera: pycolmap.Camera, prior: float | None) -> float | None:
     """The camera's focal length when it is unlikely."""
     focal = float(camera.mean_focal_length())
     least, most = (
-        (share * max(camera.width, camera.height) for share in _SHARES)
+        (share * max(camera.width, camera.height) for share in PRIORS.focal_shares)
         if prior is None
-        else (prior / _MAX_CHANGE, prior * _MAX_CHANGE)
+        else (prior / PRIORS.max_focal_change, prior * PRIORS.max_focal_change)
     )
     return None if least <= focal <= most else focal

@@ -9,14 +9,8 @@ from numpy.typing import NDArray
 from scipy.sparse import coo_array
 from scipy.sparse.csgraph import connected_components, minimum_spanning_tree
 
-from fvs_engine.sfm.verification.pair_check import EXPLAINED, MIN_PAIR_MATCHES, PairCheck, explains
-
-MIN_LINK_SHARE = 0.03
-"""Share of a pair's features that match and fit the poses from which on it is no look-alike pair.
-
-By the weakest link that joins them with the rest, wrong images of *fox* have shares of 0.003 to 0.018, those
-of *bonsai* of 0.003 to 0.030, and right images of *fox* that are far from all others of 0.018 to 0.04.
-"""
+from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, PairCheck, explains
+from fvs_engine.sfm.verification.thresholds import PAIRS
 
 
 @dataclass(frozen=True)
@@ -34,7 +28,7 @@ class Links:
 
     @staticmethod
     def of(
-        model: pycolmap.Reconstruction, checks: Sequence[PairCheck], least_share: float = MIN_LINK_SHARE
+        model: pycolmap.Reconstruction, checks: Sequence[PairCheck], least_share: float = PAIRS.min_link_share
     ) -> "Links":
         """The links that ``checks``, those of all pairs within the model, give.
 
@@ -92,7 +86,7 @@ class _Graph:
             side = connected_components(cut, directed=False)[1]
             here, there = side == side[tree.row[k]], side == side[tree.col[k]]
             across = self._between(here, there)
-            if self._supported[across].sum() < EXPLAINED * self._matches[across].sum():
+            if self._supported[across].sum() < PAIRS.explained_share * self._matches[across].sum():
                 found |= here if here.sum() < there.sum() else there
         return found
 

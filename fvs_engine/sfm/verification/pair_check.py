@@ -12,20 +12,12 @@ from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.colmap.model import rigid_from_pycolmap
+from fvs_engine.sfm.verification.thresholds import PAIRS
 
 Array = NDArray[np.float64]
 
 MIN_PAIR_MATCHES = 15
 """COLMAP's own limit for a verified pair."""
-
-_MAX_ERROR_PX = 4.0
-"""The threshold of COLMAP's verification: a right pose explains what passed it."""
-
-_MIN_BASELINE_SHARE = 0.02
-"""Baselines below this share of the scene's spread have no reliable direction."""
-
-EXPLAINED = 0.5
-"""A pair is explained when half of its matches are."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -87,7 +79,7 @@ def check_pairs(
             estimated,
             relative.rotation.matrix(),
             np.asarray(relative.translation),
-            _MIN_BASELINE_SHARE * spread,
+            PAIRS.min_baseline_share * spread,
         )
         checks.append(
             PairCheck(
@@ -123,7 +115,7 @@ def fitting(
         positions[pair.second][pair.matches[:, 1]],
         relative.rotation.matrix(),
         np.asarray(relative.translation),
-        _MAX_ERROR_PX / (0.5 * (_focal_px(first) + _focal_px(second))),
+        PAIRS.max_error_px / (0.5 * (_focal_px(first) + _focal_px(second))),
     )
 
 
@@ -135,7 +127,7 @@ def _focal_px(image: pycolmap.Image) -> float:
 
 def explains(check: PairCheck) -> bool:
     """Whether the model explains the pair: enough of its matches, and half of them."""
-    return check.supported >= MIN_PAIR_MATCHES and check.supported >= EXPLAINED * check.matches
+    return check.supported >= MIN_PAIR_MATCHES and check.supported >= PAIRS.explained_share * check.matches
 
 
 def angle_deg(rotation: Array) -> float:

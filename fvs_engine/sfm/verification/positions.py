@@ -10,13 +10,9 @@ from numpy.typing import NDArray
 from fvs_engine.geometry.alignment.positions import GPS_ACCURACY_M, MIN_POSITIONS, PositionFit, fit_positions
 from fvs_engine.sfm.colmap.database import gps_positions, image_ids
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
+from fvs_engine.sfm.verification.thresholds import PRIORS
 
 Array = NDArray[np.float64]
-
-_LEAST_FOR_RESIDUAL = 4
-
-_FROZEN = 3
-"""Number of images with exactly the same position from which on the receiver counts as frozen."""
 
 
 def fit_priors(
@@ -48,13 +44,13 @@ def residual_share(priors: PosePriors, centres: Mapping[str, Array]) -> float | 
 
     None when there are too few, or they are not accurate enough for so small a track.
     """
-    fit = fit_priors(priors, centres, _LEAST_FOR_RESIDUAL)
+    fit = fit_priors(priors, centres, PRIORS.min_residual_positions)
     return None if fit is None else fit.residual_share
 
 
 def contradict(priors: PosePriors, centres: Mapping[str, Array]) -> bool:
     """Whether these centres have enough accurate position priors, and hardly any of them fits."""
-    fit = fit_priors(priors, centres, _LEAST_FOR_RESIDUAL)
+    fit = fit_priors(priors, centres, PRIORS.min_residual_positions)
     return fit is not None and fit.contradicts
 
 
@@ -70,13 +66,13 @@ def usable_priors(given: PosePriors | None, database: Path) -> tuple[PosePriors,
     """
     priors = _priors_in_exif(database) if given is None else given
     counts = Counter(prior.position for prior in priors.by_name.values())
-    frozen = sum(count for count in counts.values() if count >= _FROZEN)
+    frozen = sum(count for count in counts.values() if count >= PRIORS.frozen)
     if frozen == 0:
         return priors, ()
-    moving = {name: prior for name, prior in priors.by_name.items() if counts[prior.position] < _FROZEN}
+    moving = {name: prior for name, prior in priors.by_name.items() if counts[prior.position] < PRIORS.frozen}
     warning = (
-        f"{frozen} of {len(priors.by_name)} images have the same position as {_FROZEN - 1} others or more: "
-        "the receiver froze. These positions are not used."
+        f"{frozen} of {len(priors.by_name)} images have the same position as {PRIORS.frozen - 1} others or "
+        "more: the receiver froze. These positions are not used."
     )
     return PosePriors(by_name=moving), (warning,)
 

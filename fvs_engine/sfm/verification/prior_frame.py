@@ -12,16 +12,9 @@ from fvs_engine.geometry.alignment.similarity import AlignmentReport
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.verification.pair_check import angle_deg, vector_angle_deg
 from fvs_engine.sfm.verification.positions import fit_priors
+from fvs_engine.sfm.verification.thresholds import PRIORS
 
 Array = NDArray[np.float64]
-
-_MAX_TURN_DEG = 20.0
-"""Angle between the rotations by positions and by orientations beyond which the orientations are wrong."""
-
-_MIN_ORIENTATIONS = 3
-
-_MOST_POSITION_SHARE, _MOST_ORIENTATION_DEG = 0.5, 30.0
-"""Standard deviations (a position's in shares of the track) up to which a prior tells what an image shows."""
 
 _MEDIAN_LENGTH = 1.54
 """Of vectors whose three coordinates have the standard deviation 1."""
@@ -80,8 +73,8 @@ def is_vague(prior: PosePrior, priors: PosePriors, frame: PriorFrame) -> bool:
     """Whether a prior, by its own standard deviations, does not tell what its image should show."""
     world = priors.positions(list(frame.aligned))
     return (
-        prior.position_sigma > _MOST_POSITION_SHARE * centre_spread(world)
-        or prior.orientation_sigma_deg > _MOST_ORIENTATION_DEG
+        prior.position_sigma > PRIORS.max_position_share * centre_spread(world)
+        or prior.orientation_sigma_deg > PRIORS.max_orientation_deg
     )
 
 
@@ -90,7 +83,7 @@ def orientations_contradict(priors: PosePriors, poses: Mapping[str, RigidTransfo
     oriented = [
         name for name in poses if name in priors.by_name and priors.by_name[name].rotation is not None
     ]
-    if len(oriented) < _MIN_ORIENTATIONS:
+    if len(oriented) < PRIORS.min_orientations:
         return False
     by_orientations = _rotation_by_orientations(priors, poses)
     if by_orientations is None:
@@ -112,21 +105,21 @@ def _fits(
 ) -> bool:
     """Whether a rotation world_from_model fits the positions; on a line they leave the turn about it open."""
     if not report.ill_conditioned:
-        return angle_deg(rotation @ report.transform.rotation.T) <= _MAX_TURN_DEG
+        return angle_deg(rotation @ report.transform.rotation.T) <= PRIORS.max_turn_deg
     model = np.stack([centres[name] for name in shared])[report.inliers]
     world = priors.positions(shared)[report.inliers]
     turned = (model - model.mean(axis=0)) @ rotation.T
-    return vector_angle_deg(turned.ravel(), (world - world.mean(axis=0)).ravel()) <= _MAX_TURN_DEG
+    return vector_angle_deg(turned.ravel(), (world - world.mean(axis=0)).ravel()) <= PRIORS.max_turn_deg
 
 
 def _rotation_by_orientations(priors: PosePriors, poses: Mapping[str, RigidTransform]) -> Array | None:
     """world_from_model's rotation by the orientations that agree, more than half; None without them."""
     turns = _turns(priors, poses)
-    if len(turns) < _MIN_ORIENTATIONS:
+    if len(turns) < PRIORS.min_orientations:
         return None
     angles = np.array([[angle_deg(a @ b.T) for b in turns] for a in turns])
     middle = int(np.argmin(np.median(angles, axis=1)))
-    agreeing = angles[middle] <= _MAX_TURN_DEG
+    agreeing = angles[middle] <= PRIORS.max_turn_deg
     if agreeing.sum() <= len(turns) / 2:
         return None
     return mean_rotation(np.stack(turns)[agreeing])

@@ -11,25 +11,14 @@ from numpy.typing import NDArray
 
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.pair_check import PairCheck
+from fvs_engine.sfm.verification.thresholds import PRIORS
 
 Array = NDArray[np.float64]
-
-MAX_DIRECTION_DEG = 15.0
-"""Angle between a pair's baseline and that of its positions, beyond their noise, that is a contradiction."""
-
-SIGMAS = 2.0
-"""Standard deviations of the priors that a contradiction must exceed."""
-
-_MAX_LIMIT_DEG = 60.0
-"""Maximum limit of a pair that is evidence; images near to each other have wider ones."""
-
-_MIN_PAIRS = 6
-_SAMPLES = 500
 
 
 def limits_deg(lengths: Array, sigmas: Array) -> Array:
     """Angles that contradict baselines of these lengths, given the standard deviations of their ends."""
-    return np.asarray(MAX_DIRECTION_DEG + np.degrees(np.arctan2(SIGMAS * sigmas, lengths)))
+    return np.asarray(PRIORS.max_direction_deg + np.degrees(np.arctan2(PRIORS.sigmas * sigmas, lengths)))
 
 
 def prior_support(
@@ -49,15 +38,15 @@ def prior_support(
         for check in checks
         if check.baseline is not None and {names[check.first], names[check.second]} <= priors.by_name.keys()
     ]
-    if len(tested) < _MIN_PAIRS:
+    if len(tested) < PRIORS.min_pairs:
         return None
     first, second = ([names[check.first] for check in tested], [names[check.second] for check in tested])
     expected = priors.positions(second) - priors.positions(first)
     lengths = np.linalg.norm(expected, axis=1)
     sigmas = np.maximum(priors.position_sigmas(first), priors.position_sigmas(second))
     limits = limits_deg(lengths, sigmas)
-    informative = (limits <= _MAX_LIMIT_DEG) & (lengths > 0)
-    if informative.sum() < _MIN_PAIRS:
+    informative = (limits <= PRIORS.max_limit_deg) & (lengths > 0)
+    if informative.sum() < PRIORS.min_pairs:
         return None
     in_camera = np.stack([np.asarray(check.baseline) for check in tested])[informative]
     in_model = np.stack([rotations[check.first] @ np.asarray(check.baseline) for check in tested])[
@@ -72,7 +61,7 @@ def prior_support(
     turned, oriented = _by_orientations(
         in_camera, [name for name, k in zip(first, informative, strict=True) if k], priors
     )
-    if oriented.sum() >= _MIN_PAIRS:
+    if oriented.sum() >= PRIORS.min_pairs:
         fits = (turned * directions).sum(axis=1) >= least
         support = max(support, float((weights * fits)[oriented].sum() / weights[oriented].sum()))
     return support
@@ -81,7 +70,7 @@ def prior_support(
 def _rotations(source: Array, target: Array) -> Array:
     """Rotations [K, 3, 3] that each bring two of the directions ``source`` [P, 3] to those of ``target``."""
     random = np.random.default_rng(0)
-    chosen = np.stack([random.choice(len(source), size=2, replace=False) for _ in range(_SAMPLES)])
+    chosen = np.stack([random.choice(len(source), size=2, replace=False) for _ in range(PRIORS.samples)])
     return np.asarray(_triads(target[chosen]) @ np.swapaxes(_triads(source[chosen]), 1, 2))
 
 

@@ -17,26 +17,9 @@ from scipy.sparse.csgraph import connected_components
 
 from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.verification.pair_check import fitting, normalised
+from fvs_engine.sfm.verification.thresholds import DEPTHS
 
 Array = NDArray[np.float64]
-
-MAX_DEPTH_ERROR = 0.03
-"""Absolute logarithm of the ratio of the two depths up to which they agree.
-
-See ``docs/design/gate.md`` for the measurements behind it.
-"""
-
-_MIN_PARALLAX_DEG = 1.0
-"""Angle between the rays of a match from which on its depth is evidence."""
-
-_MIN_TRACKS = 10
-"""Number of features below which three images say nothing about their distances."""
-
-_MAX_SCATTER = 0.1
-"""Robust standard deviation of the logarithm beyond which features disagree and are no evidence."""
-
-_MAX_PAIRS = 12
-"""Number of pairs of an image, those with most depths, that are compared with each other."""
 
 _Pair = frozenset[int]
 
@@ -79,7 +62,7 @@ class Scale:
 
     @staticmethod
     def of(
-        names: Mapping[int, str], ratios: Sequence[DepthRatio], max_error: float = MAX_DEPTH_ERROR
+        names: Mapping[int, str], ratios: Sequence[DepthRatio], max_error: float = DEPTHS.max_log_error
     ) -> "Scale":
         """Evaluate ``ratios`` for the images ``names`` (by id) of a model; two have no distance to compare.
 
@@ -87,7 +70,7 @@ class Scale:
         """
         if len(names) <= 2:
             return Scale(frozenset(), frozenset())
-        informative = [ratio for ratio in ratios if ratio.scatter <= _MAX_SCATTER]
+        informative = [ratio for ratio in ratios if ratio.scatter <= DEPTHS.max_scatter]
         agrees = [abs(ratio.log_ratio) <= max_error for ratio in informative]
         groups = _groups([ratio.pairs for ratio in _sound(informative, agrees)])
         main = groups[0] if groups else frozenset[int]()
@@ -157,7 +140,7 @@ def depth_ratios(
     """
     matched = {i for pair in pairs for i in (pair.first, pair.second)}
     rays = normalised(model, {i: points for i, points in keypoints.items() if i in matched})
-    least_sine = np.sin(np.radians(_MIN_PARALLAX_DEG))
+    least_sine = np.sin(np.radians(DEPTHS.min_parallax_deg))
     depths: dict[int, list[tuple[int, Array]]] = {i: [] for i in rays}
     for pair in pairs:
         if pair.first not in rays or pair.second not in rays:
@@ -177,7 +160,7 @@ def depth_ratios(
             (pair.first, pair.second, 0, near),
             (pair.second, pair.first, 1, far),
         ):
-            if informative.sum() >= _MIN_TRACKS:
+            if informative.sum() >= DEPTHS.min_tracks:
                 log_depth = np.full(len(rays[image]), np.nan)
                 log_depth[fits[informative, column]] = np.log(depth[informative])
                 depths[image].append((other, log_depth))
@@ -185,12 +168,12 @@ def depth_ratios(
 
 
 def _compared(image: int, depths: Sequence[tuple[int, Array]]) -> list[DepthRatio]:
-    strongest = sorted(depths, key=lambda entry: -np.isfinite(entry[1]).sum())[:_MAX_PAIRS]
+    strongest = sorted(depths, key=lambda entry: -np.isfinite(entry[1]).sum())[: DEPTHS.max_pairs]
     ratios = []
     for (first, ours), (second, theirs) in combinations(strongest, 2):
         difference = ours - theirs
         difference = difference[np.isfinite(difference)]
-        if len(difference) >= _MIN_TRACKS:
+        if len(difference) >= DEPTHS.min_tracks:
             median = _median(difference)
             scatter = 1.4826 * _median(np.abs(difference - median))
             ratios.append(DepthRatio(image, first, second, len(difference), median, scatter))

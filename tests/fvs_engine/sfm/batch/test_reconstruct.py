@@ -27,8 +27,7 @@ from fvs_engine.sfm.batch.reconstruct import SfmResult, model_warnings, reconstr
 from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.pose_priors import ImageSet, PosePrior, PosePriors
 from fvs_engine.sfm.report import SfmReport
-from fvs_engine.sfm.settings import KnownIntrinsics, SfmSettings
-from fvs_engine.sfm.verification import gate
+from fvs_engine.sfm.settings import GateSettings, KnownIntrinsics, SfmSettings
 from fvs_engine.sfm.verification.gate import JudgedModel
 
 GLOBAL_FIRST = SfmSettings(incremental_first_up_to=0)
@@ -109,10 +108,10 @@ def test_wrong_positions_are_named_as_a_possible_cause_and_can_be_left_out(
     kermit_dir: Path,
     kermit_names: list[str],
     tmp_path: Path,
-    monkeypatch: pytest.MonkeyPatch,
 ):
     """As with altitudes of another datum from the eighth photograph on."""
-    monkeypatch.setattr(gate, "MIN_PRIOR_SUPPORT", 0.4)  # else so many pairs would settle it
+    # Else so many pairs would settle it.
+    settings = SfmSettings(gate=GateSettings(min_prior_support=0.4))
     shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
     (tmp_path / "sfm" / "report.json").unlink()
     centres = kermit_sfm.reconstruction.centres()
@@ -123,9 +122,8 @@ def test_wrong_positions_are_named_as_a_possible_cause_and_can_be_left_out(
     }
 
     def reconstruct_with(priors: PosePriors) -> SfmReport:
-        return reconstruct(
-            ImageSet(kermit_dir, kermit_names, priors), tmp_path / "sfm", SfmSettings(), Monitor()
-        ).report
+        images = ImageSet(kermit_dir, kermit_names, priors)
+        return reconstruct(images, tmp_path / "sfm", settings, Monitor()).report
 
     with pytest.raises(ContradictedPositionsError) as caught:
         reconstruct_with(PosePriors(by_name=wrong))

@@ -4,6 +4,7 @@ import contextlib
 import shutil
 import sqlite3
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -25,6 +26,7 @@ from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
 from fvs_engine.sfm.jobs import GuidedRegistration, RegisterGuided, Registration
 from fvs_engine.sfm.native import guided as guided_module
 from fvs_engine.sfm.native.guided import register_guided
+from fvs_engine.sfm.native.thresholds import GUIDED
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import Stages
@@ -256,7 +258,7 @@ def test_images_of_a_camera_that_is_not_estimated_take_no_place_of_others(
     take_out(other, unmatched)
     neighbours = [each for each in kermit_names if each not in (name, other)]
     waiting = changed(unmatched, {other: neighbours, name: neighbours}, names=(other, name))
-    monkeypatch.setattr(guided_module, "_MOST_LOOKED_AT", 1)
+    monkeypatch.setattr(guided_module, "GUIDED", replace(GUIDED, max_looked_at=1))
     tried = register_guided(waiting, lambda _: None)
     assert tried.looked_at == (other, name)
     assert tried.registration is not None
@@ -274,12 +276,12 @@ def test_an_image_that_a_call_does_not_get_to_counts_as_not_tried(
     take_out(other, unmatched)
     neighbours = [each for each in kermit_names if each not in (name, other)]
     waiting = changed(unmatched, {name: neighbours, other: neighbours}, names=(name, other))
-    monkeypatch.setattr(guided_module, "_MOST_GUIDED", 1)
+    monkeypatch.setattr(guided_module, "GUIDED", replace(GUIDED, max_guided=1))
     assert register_guided(waiting, lambda _: None).looked_at == (name,)
     third = neighbours.pop()
     take_out(third, unmatched)
     waiting = changed(waiting, dict.fromkeys([name, other, third], neighbours))
-    monkeypatch.setattr(guided_module, "_MOST_GUIDED", 2)
+    monkeypatch.setattr(guided_module, "GUIDED", replace(GUIDED, max_guided=2))
     for tried, chosen in (([other], third), ([third, other], third), ([other, third], other)):
         again = waiting.model_copy(update={"tried": tried})
         looked_at = register_guided(again, lambda _: None).looked_at

@@ -11,9 +11,10 @@ from row_of_cameras import PINHOLE, row_of_cameras, true_poses
 
 from fvs_engine.sfm.colmap.model import rigid_to_pycolmap
 from fvs_engine.sfm.native.points_of_others import Rays
-from fvs_engine.sfm.native.pose_uncertainty import MAX_SHARE, centre_sigma, position_share, why_uncertain
+from fvs_engine.sfm.native.pose_uncertainty import centre_sigma, position_share, why_uncertain
 from fvs_engine.sfm.native.prior_pose import PoseProblem
 from fvs_engine.sfm.native.registration import register
+from fvs_engine.sfm.native.thresholds import POSES
 
 IMAGE, SEEN_BY = 12, 6
 NAME = f"{IMAGE - 1:02}.jpg"
@@ -76,10 +77,10 @@ def test_far_points_close_together_leave_a_position_uncertain():
     model = row_with_far_views(IMAGE)
     share = share_of(model, IMAGE)
     assert share is not None
-    assert share > MAX_SHARE
+    assert share > POSES.max_position_share
     assert why_uncertain(share).endswith(f"uncertain by {share:.0%} of the spread of all positions")
     certain = [share_of(model, other) for other in (1, 2, 23, 24)]
-    assert all(other is not None and other < MAX_SHARE for other in certain)
+    assert all(other is not None and other < POSES.max_position_share for other in certain)
     model.transform(pycolmap.Sim3d(3.0, pycolmap.Rotation3d(), np.zeros(3)))
     assert share_of(model, IMAGE) == pytest.approx(share, rel=0.05)
 

@@ -14,7 +14,8 @@ from fvs_engine.sfm.batch.mapping import leave_out
 from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.model import camera_poses
 from fvs_engine.sfm.native.registration import register
-from fvs_engine.sfm.native.robust_adjustment import MIN_IMAGES_OF_LENS, is_likely
+from fvs_engine.sfm.native.robust_adjustment import is_likely
+from fvs_engine.sfm.native.thresholds import ADJUSTMENT
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 
 
@@ -27,7 +28,7 @@ def test_an_image_is_rejected_after_the_camera_got_its_lens(
     poses = camera_poses(model)
     right, wrong = kermit_names[5], kermit_names[-1]
     leave_out(model, [right, wrong])
-    assert model.num_reg_images() == MIN_IMAGES_OF_LENS - 1
+    assert model.num_reg_images() == ADJUSTMENT.min_images_of_lens - 1
     camera = model.camera(1)
     camera.model, camera.params = pycolmap.CameraModelId.SIMPLE_RADIAL, camera.params[:4]
     for folder in ("model", "out"):
@@ -45,7 +46,7 @@ def test_an_image_is_rejected_after_the_camera_got_its_lens(
             refine=True,
             lens=True,
             priors=PosePriors(by_name=priors),
-            adjusted_images=MIN_IMAGES_OF_LENS - 1,
+            adjusted_images=ADJUSTMENT.min_images_of_lens - 1,
             adjusted_points=model.num_points3D(),
         ),
         lambda _: None,

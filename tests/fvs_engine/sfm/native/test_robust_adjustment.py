@@ -7,7 +7,8 @@ from row_of_cameras import COUNT, error_of_centres, row_of_cameras
 
 from fvs_engine.sfm.colmap.model import camera_poses
 from fvs_engine.sfm.native.prior_adjustment import adjust_with_priors
-from fvs_engine.sfm.native.robust_adjustment import MIN_IMAGES_OF_LENS, RobustAdjustment
+from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment
+from fvs_engine.sfm.native.thresholds import ADJUSTMENT
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 
 LENS = pycolmap.Camera(
@@ -60,7 +61,7 @@ def test_principal_point_and_distortion_are_estimated_from_ten_images_on():
     assert np.abs(whole.camera(1).params[1:3] - LENS.params[1:3]).max() < 3.0
 
 
-@pytest.mark.parametrize(("images", "model"), [(MIN_IMAGES_OF_LENS - 1, "SIMPLE_RADIAL"), (10, "RADIAL")])
+@pytest.mark.parametrize(("images", "model"), [(9, "SIMPLE_RADIAL"), (10, "RADIAL")])
 def test_a_camera_of_few_images_keeps_its_model(images: int, model: str):
     few = without_images_from(row_of_cameras(0.2, 6, taken_with=LENS, camera=GUESS), images + 1)
     adjust(few)
@@ -71,7 +72,7 @@ def test_a_lens_is_kept_when_most_of_its_images_are_gone():
     model = row_of_cameras(0.2, 8, taken_with=LENS, camera=GUESS)
     adjust(model)
     lens = model.camera(1).params.tolist()
-    adjust(without_images_from(model, MIN_IMAGES_OF_LENS))
+    adjust(without_images_from(model, ADJUSTMENT.min_images_of_lens))
     assert (model.camera(1).model_name, model.camera(1).params.tolist()) == ("RADIAL", lens)
 
 

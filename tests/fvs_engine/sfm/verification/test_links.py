@@ -5,11 +5,12 @@ from typing import Any
 
 import pytest
 
-from fvs_engine.sfm.verification.links import MIN_LINK_SHARE, Links
+from fvs_engine.sfm.verification.links import Links
 from fvs_engine.sfm.verification.pair_check import PairCheck
+from fvs_engine.sfm.verification.thresholds import PAIRS
 
 FEATURES = 4000
-ENOUGH = int(MIN_LINK_SHARE * FEATURES)
+ENOUGH = int(PAIRS.min_link_share * FEATURES)
 
 
 def check(first: int, second: int, matches: int, supported: int) -> PairCheck:
