@@ -1,6 +1,5 @@
 """Records as JSON files."""
 
-from collections.abc import Collection
 from pathlib import Path
 from typing import TypeVar
 
@@ -13,12 +12,9 @@ from fvs_engine.records import Record, first_error
 RecordT = TypeVar("RecordT", bound=Record)
 
 
-def write_record(path: Path, record: Record, *, exclude: Collection[str] = ()) -> None:
-    """Replace ``path`` by a record as JSON, whole or not at all; raises ``StorageError``.
-
-    ``exclude``: fields that are left out, and then read as their defaults.
-    """
-    write_text_atomically(path, record.model_dump_json(indent=1, exclude=set(exclude)) + "\n")
+def write_record(path: Path, record: Record) -> None:
+    """Replace ``path`` by a record as JSON, whole or not at all; raises ``StorageError``."""
+    write_text_atomically(path, record.model_dump_json(indent=1) + "\n")
 
 
 def read_record(

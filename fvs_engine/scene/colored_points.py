@@ -4,7 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 
-from fvs_engine.sfm.growing.update import TwoViewPoints
+from fvs_engine.sfm.growing.two_view_points import TwoViewPoints
 from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.views import TrainingView
 

@@ -5,6 +5,7 @@ A job writes either into the database, in transactions, so that a repeated one r
 file beside the final one, which the caller renames when the job is done.
 """
 
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, ClassVar, Generic, TypeVar
 
@@ -12,6 +13,9 @@ from pydantic import TypeAdapter
 
 from fvs_engine.records import Record
 from fvs_engine.sfm.pose_priors import PosePriors
+
+Report = Callable[[int], None]
+"""How a job reports its progress: called with the number of items that are done."""
 
 Answer = TypeVar("Answer")
 

@@ -6,11 +6,10 @@ from collections.abc import Sequence
 
 from fvs_engine.sfm.colmap.database import image_cameras, verified_matches
 from fvs_engine.sfm.colmap.model import read_colmap
-from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.overlap import predicted_neighbours
 from fvs_engine.sfm.growing.registration import Unregistered, register
 from fvs_engine.sfm.growing.registration_inputs import RegistrationInputs, matches_of
-from fvs_engine.sfm.growing.state import GrowthFolder
+from fvs_engine.sfm.growing.state import GrowthFolder, ModelChange
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import Stages, rename_over
 

@@ -1,11 +1,18 @@
-"""Why images of a growing reconstruction have no pose."""
+"""Why images of a growing reconstruction have no pose, or a doubtful one."""
 
 from collections.abc import Mapping
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
+from fvs_engine.images.names import listed
 from fvs_engine.sfm.colmap.database import feature_counts, verified_matches
 from fvs_engine.sfm.growing.state import GrowthState
+from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
+from fvs_engine.sfm.verification.positions import fit_priors, shared, usable_priors
+from fvs_engine.sfm.warnings import doubtful
 
 NO_FEATURES = "It has no features: it is blurred, too dark, or shows nothing with structure."
 UNMATCHED = "It matches no other image."
@@ -28,3 +35,28 @@ def why_unregistered(state: GrowthState, database: Path) -> Mapping[str, str]:
         else:
             reasons[name] = FEW_POINTS if name in matched else UNMATCHED
     return reasons
+
+
+def doubts_by_priors(
+    given: PosePriors | None, database: Path, centres: Mapping[str, NDArray[np.float64]]
+) -> tuple[str, ...]:
+    """The warning that names registered images whose poses contradict their position priors.
+
+    New poses are checked when they are estimated. Priors may be able to judge them only later, when the track
+    has become long enough for their accuracy. No warning where model and priors contradict each other as a
+    whole.
+
+    ``given``: pose priors, by default the GPS positions in the EXIF data that the ``database`` has.
+    """
+    if not centres:
+        return ()
+    priors, _ = usable_priors(given, database)
+    fit = fit_priors(priors, centres)
+    if fit is None or fit.contradicts or not fit.misplaced.any():
+        return ()
+    names = listed([name for name, far in zip(shared(priors, centres), fit.misplaced, strict=True) if far])
+    return (
+        doubtful(
+            f"Far from their position priors: {names}. Either their poses or these positions are wrong."
+        ),
+    )

@@ -20,15 +20,13 @@ from fvs_engine.sfm.colmap.database import (
     require_sound_database,
 )
 from fvs_engine.sfm.colmap.model import open_colmap, read_colmap
-from fvs_engine.sfm.growing.contradicted_poses import doubts_by_priors
-from fvs_engine.sfm.growing.image_files import require_readable, require_unchanged
 from fvs_engine.sfm.growing.localise import localise
 from fvs_engine.sfm.growing.neighbours import ImageRetrieval, Surroundings
-from fvs_engine.sfm.growing.reasons import why_unregistered
-from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
+from fvs_engine.sfm.growing.reasons import doubts_by_priors, why_unregistered
+from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, require_readable, require_unchanged
 from fvs_engine.sfm.growing.step import step
-from fvs_engine.sfm.growing.two_view_points import find_two_view_points
-from fvs_engine.sfm.growing.update import PoseUpdate, TwoViewPoints
+from fvs_engine.sfm.growing.two_view_points import TwoViewPoints, find_two_view_points
+from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.matching.features import add_features
 from fvs_engine.sfm.pose_priors import ImageSet, PosePriors
 from fvs_engine.sfm.quarantine import CulpritError, warning

@@ -4,8 +4,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fvs_engine.sfm.growing.model_change import ModelChange
-from fvs_engine.sfm.growing.state import GrowthState
+from fvs_engine.sfm.growing.state import GrowthState, ModelChange
 from fvs_engine.sfm.jobs import RegisterGuided, RegisterImages
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import Stages, fresh_folder

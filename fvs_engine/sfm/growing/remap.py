@@ -10,8 +10,7 @@ from fvs_engine.geometry.alignment.cameras import align_poses
 from fvs_engine.sfm.batch.mapping import MappedModel, read_model_evidence, registered_names
 from fvs_engine.sfm.batch.reconstruct import map_images, model_warnings
 from fvs_engine.sfm.colmap.model import camera_poses, move, open_colmap
-from fvs_engine.sfm.growing.model_change import ModelChange
-from fvs_engine.sfm.growing.state import GrowthState
+from fvs_engine.sfm.growing.state import GrowthState, ModelChange
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder

@@ -9,10 +9,12 @@ commit: after a kill before it the former model is the current one, whatever els
 import hashlib
 import json
 import shutil
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Sequence
+from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Literal
+from typing import Any, Literal
 
+from PIL import Image
 from pydantic import Field
 
 from fvs_engine.errors import InvalidInputError
@@ -27,7 +29,7 @@ from fvs_engine.sfm.verification.gate import PRIORS_IGNORED
 class GrowthState(Record):
     """Added and registered images, and the sizes that decide when bundle adjustment and re-maps are due."""
 
-    version: Literal[2] = 2
+    version: Literal[1] = 1
     settings: str
     """Digest of the settings, apart from the number of threads."""
 
@@ -185,9 +187,7 @@ class GrowthFolder:
 
     def save(self, state: GrowthState) -> None:
         """Commit a state with the current model."""
-        # Versions that lack these fields can read the state as long as no image is to be tried again.
-        exclude = [field for field in ("tried", "tried_guided") if not getattr(state, field)]
-        write_record(self._file, state, exclude=exclude)
+        write_record(self._file, state)
 
     def commit(self, state: GrowthState) -> None:
         """Commit ``next_model`` as the model of ``state.generation``, and the state with it."""
@@ -213,3 +213,52 @@ def settings_digest(settings: SfmSettings) -> str:
     """Digest of the settings that change the reconstruction."""
     plain = settings.model_dump(mode="json", exclude={"threads"})
     return hashlib.sha256(json.dumps(plain, sort_keys=True).encode()).hexdigest()
+
+
+@dataclass(frozen=True)
+class ModelChange:
+    """Result of registering images, or of a re-map.
+
+    ``changed``: a model other than the current one was written; ``mapper`` made it, None without a re-map.
+    ``match_support``: share of the verified matches that the model explains, known after a global bundle
+    adjustment or a re-map. ``tried``: the images whose registration was tried.
+    """
+
+    state: GrowthState
+    changed: bool = False
+    mapper: str | None = None
+    match_support: float | None = None
+    warnings: tuple[str, ...] = ()
+    tried: tuple[str, ...] = ()
+
+    def with_state(self, **update: Any) -> "ModelChange":
+        """The same change, with other values of the state's fields."""
+        return replace(self, state=self.state.model_copy(update=update))
+
+
+def require_unchanged(state: GrowthState, image_dir: Path, names: Sequence[str]) -> dict[str, int]:
+    """Sizes in bytes of ``names``; raises ``InvalidInputError`` when a file is missing or has changed."""
+    sizes = {}
+    for name in names:
+        file = image_dir / name
+        if not file.is_file():
+            raise InvalidInputError(f"{file} does not exist.", hint="Check the image names.")
+        sizes[name] = file.stat().st_size
+        if state.images.get(name, sizes[name]) != sizes[name]:
+            raise InvalidInputError(
+                f"{file} is not the photograph that was added before.",
+                hint="Give the new photograph a name of its own, or start in another folder.",
+            )
+    return sizes
+
+
+def require_readable(image_dir: Path, names: Sequence[str]) -> None:
+    """Raise ``InvalidInputError`` for what is no image, before it becomes part of the state."""
+    for name in names:
+        try:
+            with Image.open(image_dir / name):
+                pass
+        except (OSError, Image.DecompressionBombError) as error:
+            raise InvalidInputError(
+                f"{image_dir / name} cannot be read as an image.", hint="Leave it out, or export it again."
+            ) from error

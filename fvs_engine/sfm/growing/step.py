@@ -8,14 +8,13 @@ from fvs_engine.images.names import listed, mentions
 from fvs_engine.sfm.colmap.database import image_cameras, verified_matches
 from fvs_engine.sfm.colmap.guided_pairs import take_back_guided_pairs
 from fvs_engine.sfm.growing.guided import guide
-from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.neighbours import Surroundings, match_with_neighbours
 from fvs_engine.sfm.growing.overlap import predicted_neighbours
 from fvs_engine.sfm.growing.prior_veto import Veto, veto
 from fvs_engine.sfm.growing.registration import Unregistered, register
 from fvs_engine.sfm.growing.registration_inputs import RegistrationInputs, matches_of
 from fvs_engine.sfm.growing.remap import reason_to_remap, remap, start_again
-from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
+from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, ModelChange
 from fvs_engine.sfm.matching.match import match_features
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.settings import GrowthSettings

@@ -4,22 +4,10 @@ from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 import numpy as np
-from numpy.typing import NDArray
 
+from fvs_engine.sfm.growing.two_view_points import TwoViewPoints
 from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.views import AnyView
-
-
-@dataclass(frozen=True, eq=False)
-class TwoViewPoints:
-    """Points ``xyz`` [P, 3] in the model frame that only two images show; ``seen_in`` [P] names one of them.
-
-    A model of structure from motion leaves them out, since nothing confirms them. As starting points of
-    Gaussians they are of use: as many again, in places where images overlap least (docs/design/training.md).
-    """
-
-    xyz: NDArray[np.float64]
-    seen_in: NDArray[np.str_]
 
 
 @dataclass(frozen=True, eq=False)

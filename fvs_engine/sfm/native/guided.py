@@ -13,12 +13,11 @@ from fvs_engine.geometry import RigidTransform
 from fvs_engine.sfm.colmap.database import image_cameras, image_ids
 from fvs_engine.sfm.colmap.guided_pairs import Pair, take_back_guided_pairs, write_guided_pairs
 from fvs_engine.sfm.colmap.model import camera_poses, rigid_to_pycolmap
-from fvs_engine.sfm.jobs import GuidedRegistration, RegisterGuided
+from fvs_engine.sfm.jobs import GuidedRegistration, RegisterGuided, Report
 from fvs_engine.sfm.native.guided_matching import GuidedPose, guided_pose
 from fvs_engine.sfm.native.known_points import Features, Indices, KnownPoints, camera_of
 from fvs_engine.sfm.native.prior_pose import ExpectedPose, expected_poses
 from fvs_engine.sfm.native.registration import color_points, register
-from fvs_engine.sfm.native.report import Report
 from fvs_engine.sfm.native.thresholds import GUIDED
 from fvs_engine.sfm.native.two_view_points import add_two_view_points
 from fvs_engine.sfm.pose_priors import PosePriors

@@ -17,12 +17,12 @@ from fvs_engine.sfm.jobs import (
     MapGlobally,
     MapImages,
     MapIncrementally,
+    Report,
     TriangulatePoints,
     UndistortImages,
 )
 from fvs_engine.sfm.native.matching import match
 from fvs_engine.sfm.native.pose_review import PoseReview
-from fvs_engine.sfm.native.report import Report
 from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment, remove_outliers
 
 

@@ -7,12 +7,11 @@ import pycolmap
 
 from fvs_engine.sfm.colmap.database import VerifiedPair, image_ids, read_keypoints, read_verified_pairs
 from fvs_engine.sfm.colmap.model import rigid_from_pycolmap, rigid_to_pycolmap
-from fvs_engine.sfm.jobs import CopyFeatures, Localisation, LocalisedImage, LocaliseImages
+from fvs_engine.sfm.jobs import CopyFeatures, Localisation, LocalisedImage, LocaliseImages, Report
 from fvs_engine.sfm.native.known_points import points_seen
 from fvs_engine.sfm.native.pose_check import PoseCheck
 from fvs_engine.sfm.native.pose_search import best_pose
 from fvs_engine.sfm.native.prior_pose import PoseProblem
-from fvs_engine.sfm.native.report import Report
 from fvs_engine.sfm.native.robust_adjustment import error_sigma_px
 from fvs_engine.sfm.native.thresholds import POSES
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES

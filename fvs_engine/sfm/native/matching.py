@@ -20,8 +20,7 @@ import pycolmap
 from fvs_engine.child_process import kill_with_parent
 from fvs_engine.sfm.colmap.database import delete_database
 from fvs_engine.sfm.colmap.part_database import Pair, Part, attached, write_part
-from fvs_engine.sfm.jobs import MatchPairs
-from fvs_engine.sfm.native.report import Report
+from fvs_engine.sfm.jobs import MatchPairs, Report
 
 _LEAST_PAIRS = 4
 """Number of pairs below which a further process costs more time than it saves."""

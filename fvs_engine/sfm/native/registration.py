@@ -12,7 +12,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.alignment.cameras import align_poses
 from fvs_engine.sfm.colmap.model import camera_poses, move
-from fvs_engine.sfm.jobs import RegisterImages, Registration
+from fvs_engine.sfm.jobs import RegisterImages, Registration, Report
 from fvs_engine.sfm.native.match_cache import load_all, load_around, set_cameras
 from fvs_engine.sfm.native.points_of_others import Rays
 from fvs_engine.sfm.native.pose_check import PoseCheck
@@ -20,7 +20,6 @@ from fvs_engine.sfm.native.pose_review import PoseReview
 from fvs_engine.sfm.native.pose_uncertainty import position_share, why_uncertain
 from fvs_engine.sfm.native.prior_adjustment import adjust_with_priors
 from fvs_engine.sfm.native.prior_pose import expected_poses
-from fvs_engine.sfm.native.report import Report
 from fvs_engine.sfm.native.robust_adjustment import (
     RobustAdjustment,
     error_sigma_px,

@@ -6,9 +6,8 @@ from pathlib import Path
 import numpy as np
 import pycolmap
 
-from fvs_engine.sfm.jobs import FindTwoViewPoints
+from fvs_engine.sfm.jobs import FindTwoViewPoints, Report
 from fvs_engine.sfm.native.match_cache import load_all
-from fvs_engine.sfm.native.report import Report
 
 
 def two_view_points(request: FindTwoViewPoints, _report: Report) -> None:

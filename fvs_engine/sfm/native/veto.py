@@ -17,8 +17,7 @@ from fvs_engine.sfm.colmap.database import (
     veto_pairs,
 )
 from fvs_engine.sfm.colmap.model import camera_poses
-from fvs_engine.sfm.jobs import PairVeto, VetoPairs
-from fvs_engine.sfm.native.report import Report
+from fvs_engine.sfm.jobs import PairVeto, Report, VetoPairs
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.contradicted_pairs import KnownCameras, contradicted_pairs
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, check_pairs

@@ -16,13 +16,12 @@ from fvs_engine.sfm.colmap.database import VerifiedPair
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.verification.conflicting_views import conflicting_views
-from fvs_engine.sfm.verification.focal_lengths import unlikely_focal_lengths
 from fvs_engine.sfm.verification.links import Links
 from fvs_engine.sfm.verification.pair_check import PairCheck, angle_deg, check_pairs
 from fvs_engine.sfm.verification.positions import misplaced, residual_share
 from fvs_engine.sfm.verification.prior_support import prior_support
 from fvs_engine.sfm.verification.scale import Scale, depth_ratios
-from fvs_engine.sfm.verification.thresholds import PAIRS
+from fvs_engine.sfm.verification.thresholds import PAIRS, PRIORS
 
 Array = NDArray[np.float64]
 
@@ -82,6 +81,30 @@ class ModelEvidence:
         pairs = [pair for pair in self.pairs if pair.first in ids and pair.second in ids]
         checks = check_pairs(model, pairs, self.keypoints, relative_poses=False)
         return sum(check.supported for check in checks)
+
+
+def unlikely_focal_lengths(model: pycolmap.Reconstruction, priors: Mapping[int, float]) -> tuple[float, ...]:
+    """The unlikely ones of the focal lengths in px, sorted; ``priors`` are those in px by camera id.
+
+    They are refined with the model, and some scenes do not determine them: a wall seen head-on, a few images
+    that hardly overlap. Every match still fits such a model, whose depths are wrong.
+    Without a prior, a focal length is compared with those of usual lenses.
+    """
+    cameras = {image.camera_id for image in model.images.values() if image.has_pose}
+    return tuple(
+        sorted(focal for focal in (_unlikely(model.cameras[i], priors.get(i)) for i in cameras) if focal)
+    )
+
+
+def _unlikely(camera: pycolmap.Camera, prior: float | None) -> float | None:
+    """The camera's focal length when it is unlikely."""
+    focal = float(camera.mean_focal_length())
+    least, most = (
+        (share * max(camera.width, camera.height) for share in PRIORS.focal_shares)
+        if prior is None
+        else (prior / PRIORS.max_focal_change, prior * PRIORS.max_focal_change)
+    )
+    return None if least <= focal <= most else focal
 
 
 def cycle_consistency(checks: Sequence[PairCheck]) -> float | None:

@@ -20,9 +20,8 @@ from fvs_engine.sfm.batch.reconstruct import SfmResult
 from fvs_engine.sfm.colmap.database import image_cameras, image_ids, pair_number, verified_matches
 from fvs_engine.sfm.colmap.model import camera_poses
 from fvs_engine.sfm.growing.guided import guide
-from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.registration import Unregistered, register
-from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState
+from fvs_engine.sfm.growing.state import GrowthFolder, GrowthState, ModelChange
 from fvs_engine.sfm.jobs import GuidedRegistration, RegisterGuided, Registration
 from fvs_engine.sfm.native import guided as guided_module
 from fvs_engine.sfm.native.guided import register_guided

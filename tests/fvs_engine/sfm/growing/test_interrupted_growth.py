@@ -17,9 +17,8 @@ from PIL import Image
 from fvs_engine.errors import Cancelled, DamagedOutputError, InvalidInputError, StorageError
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.sfm.growing import step as step_module
-from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
-from fvs_engine.sfm.growing.state import GrowthState
+from fvs_engine.sfm.growing.state import GrowthState, ModelChange
 from fvs_engine.sfm.settings import SfmSettings
 
 KILLED = """

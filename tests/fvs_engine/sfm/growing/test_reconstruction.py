@@ -26,10 +26,9 @@ from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm import stages as stages_module
 from fvs_engine.sfm.growing import step as step_module
-from fvs_engine.sfm.growing.model_change import ModelChange
 from fvs_engine.sfm.growing.prior_veto import Veto, veto
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
-from fvs_engine.sfm.growing.state import GrowthState
+from fvs_engine.sfm.growing.state import GrowthState, ModelChange
 from fvs_engine.sfm.jobs import RegisterImages, Request
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import Reconstruction

@@ -1,6 +1,5 @@
 """Images that wait are tried again when what decides about them has changed."""
 
-import json
 from pathlib import Path
 
 import numpy as np
@@ -95,13 +94,8 @@ def test_what_one_image_may_change_is_tried_with_it(model: pycolmap.Reconstructi
     assert now.due({}) == list(matches)
 
 
-def test_a_stored_state_has_its_version_and_no_empty_tries(tmp_path: Path):
-    """The version before refuses fields that it does not know."""
+def test_a_stored_state_is_read_as_it_was(tmp_path: Path):
     folder = GrowthFolder(tmp_path)
-    folder.save(GrowthState(settings=settings_digest(SfmSettings())))
-    stored = json.loads((tmp_path / "growth.json").read_text())
-    assert stored["version"] == 2
-    assert not {"tried", "tried_guided"} & stored.keys()
     waiting = GrowthState(settings=settings_digest(SfmSettings()), images={A: 1}, tried={A: "1"})
     folder.save(waiting)
     assert folder.open(SfmSettings()) == waiting

@@ -3,7 +3,7 @@
 import pycolmap
 import pytest
 
-from fvs_engine.sfm.verification.focal_lengths import unlikely_focal_lengths
+from fvs_engine.sfm.verification.evidence import unlikely_focal_lengths
 
 
 def model(*focal_px: float) -> pycolmap.Reconstruction:

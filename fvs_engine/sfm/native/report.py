@@ -1,6 +1,0 @@
-"""How a native job reports its progress."""
-
-from collections.abc import Callable
-
-Report = Callable[[int], None]
-"""Called with the number of items that are done."""
