@@ -12,7 +12,8 @@ from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.dataset_priors import dataset_priors
 from fvs_engine.scene.pose_source import open_pose_source
 from fvs_engine.scene.settings import PriorNoise, SceneSettings
-from fvs_engine.sfm.growing.update import PoseUpdate, TwoViewPoints
+from fvs_engine.sfm.growing.two_view_points import TwoViewPoints
+from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.views import View
