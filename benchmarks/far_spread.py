@@ -27,7 +27,7 @@ from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.geometry.alignment.similarity import robust_umeyama
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import read_dataset
-from fvs_engine.scene.dataset_priors import dataset_priors
+from fvs_engine.scene.pose_source import dataset_priors
 from fvs_engine.scene.settings import PriorNoise
 from fvs_engine.sfm.batch.reconstruct import reconstruct
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction

@@ -31,8 +31,8 @@ from fvs_engine.pipeline.model import open_model
 from fvs_engine.plan.familiarity import Observations
 from fvs_engine.plan.generate import candidates_in
 from fvs_engine.plan.volumes import Box
-from fvs_engine.scene.observations import read_observations
 from fvs_engine.scene.scene_model import Ranking, SceneModel, Situation
+from fvs_engine.scene.sparse_points import read_observations
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_engine.splat.render import to_pixels
 from fvs_engine.views import PinholeView

@@ -22,8 +22,7 @@ from view_sets import with_points
 
 from fvs_engine.lab.baselines import create_selector
 from fvs_engine.monitor import Monitor
-from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.dataset_folder import open_dataset
+from fvs_engine.scene.dataset import Dataset, open_dataset
 from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings
 from fvs_engine.select.loop import LoopSettings, SelectionLoop, StepRecord
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer

@@ -22,9 +22,8 @@ from measurement import report
 from fvs_engine.choices import InitialChoice
 from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor
-from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.dataset_folder import open_dataset
-from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.dataset import Dataset, open_dataset
+from fvs_engine.scene.scene import Scene
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings
 from fvs_engine.select.initial_views import initial_views
@@ -54,7 +53,7 @@ def rows(
     names = initial_views(views, max(counts), SPREADS[spread], settings.seed)
     growing_s = 0.0
     with tempfile.TemporaryDirectory() as folder:
-        scene = GrowingScene.open(Path(folder), dataset, settings, rasterizer, Monitor())
+        scene = Scene.open(Path(folder), dataset, settings, rasterizer, Monitor())
         unseen = list(scene.localise(held_out, Monitor()).values())
         for count in range(FIRST, max(counts) + 1):
             scene.add(names[:count], Monitor())

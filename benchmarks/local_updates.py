@@ -27,9 +27,8 @@ from measurement import report
 from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import view_distances
-from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.dataset_folder import open_dataset
-from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.dataset import Dataset, open_dataset
+from fvs_engine.scene.scene import Scene
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.scene.seeding import seeds_on_points
 from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings
@@ -114,7 +113,7 @@ def rows(
     views = [dataset.by_name[name] for name in pool]
     names = initial_views(views, count, SPREADS[spread], settings.seed)
     with tempfile.TemporaryDirectory() as folder:
-        scene = GrowingScene.open(Path(folder), dataset, settings, rasterizer, Monitor())
+        scene = Scene.open(Path(folder), dataset, settings, rasterizer, Monitor())
         unseen = list(scene.localise(held_out, Monitor()).values())
         scene.add(names[: options.first], Monitor())
         before = scene.train("full", Monitor())

@@ -29,8 +29,8 @@ from fvs_engine.geometry.alignment.dataset import align_dataset
 from fvs_engine.lab.baselines import create_selector
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.selection_request import SelectionRequest
-from fvs_engine.scene.dataset_folder import open_dataset
-from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.dataset import open_dataset
+from fvs_engine.scene.scene import Scene
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.score import MedianFrequency, rank
 from fvs_engine.select.loop import LoopSettings, SelectionLoop, StepRecord
@@ -87,7 +87,7 @@ def take_step(loop: SelectionLoop, candidates: int) -> Step | None:
     return step
 
 
-def rank_nearest(model: SceneModel, scene: GrowingScene, loop: SelectionLoop, count: int) -> None:
+def rank_nearest(model: SceneModel, scene: Scene, loop: SelectionLoop, count: int) -> None:
     """Rank the unvisited views, by a model of ``scene``, that are nearest to the last visited one."""
     centres = loop.dataset.centres()
     here = centres[loop.visited[-1]]
@@ -100,9 +100,7 @@ def everything_again(loop: SelectionLoop, step: StepRecord, count: int) -> Again
     names = loop.visited[: step.views]
     worked = so_far_s()
     with tempfile.TemporaryDirectory() as folder:
-        scene = GrowingScene.open(
-            Path(folder), loop.dataset, loop.settings.scene, loop.scene.rasterizer, Monitor()
-        )
+        scene = Scene.open(Path(folder), loop.dataset, loop.settings.scene, loop.scene.rasterizer, Monitor())
         times = [time.perf_counter()]
         scene.add(names, Monitor())
         times.append(time.perf_counter())
@@ -114,7 +112,7 @@ def everything_again(loop: SelectionLoop, step: StepRecord, count: int) -> Again
         return Again(sfm, train, score, so_far_s() - worked, len(scene.views))
 
 
-def in_model(names: list[str], scene: GrowingScene) -> list[PinholeView]:
+def in_model(names: list[str], scene: Scene) -> list[PinholeView]:
     """Views of the dataset as candidates in the frame of the scene's model."""
     worlds = {name: scene.dataset.by_name[name].camera_from_model.inverse() for name in scene.dataset.names}
     alignment = align_dataset(

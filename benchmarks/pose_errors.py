@@ -17,8 +17,7 @@ from measurement import report
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.geometry.alignment.similarity import robust_umeyama
 from fvs_engine.lab.evaluate.results import Run, read_result
-from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.dataset_folder import open_dataset
+from fvs_engine.scene.dataset import Dataset, open_dataset
 from fvs_engine.sfm.colmap.model import open_colmap
 
 WRONG_SHARE = 0.03

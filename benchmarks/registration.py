@@ -34,11 +34,10 @@ from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.geometry.alignment.dataset import align_dataset
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.familiarity import ENOUGH, EVEN_CHANCE, SLOPE, Familiarity
-from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.dataset_folder import open_dataset
-from fvs_engine.scene.growing_scene import GrowingScene
-from fvs_engine.scene.observations import read_observations
+from fvs_engine.scene.dataset import Dataset, open_dataset
+from fvs_engine.scene.scene import Scene
 from fvs_engine.scene.settings import SceneSettings
+from fvs_engine.scene.sparse_points import read_observations
 from fvs_engine.select.candidate_views import comparable_views
 from fvs_engine.select.initial_views import initial_views
 from fvs_engine.sfm.settings import SfmSettings
@@ -72,7 +71,7 @@ def tried(
     draw = np.random.default_rng(seed)
     guests = sorted(draw.choice(rest, min(others, len(rest)), replace=False).tolist())
     with tempfile.TemporaryDirectory() as folder:
-        scene = GrowingScene.open(Path(folder), dataset, settings, rasterizer, Monitor())
+        scene = Scene.open(Path(folder), dataset, settings, rasterizer, Monitor())
         scene.add(names, Monitor())
         assert scene.model_dir is not None
         alignment = align_dataset(

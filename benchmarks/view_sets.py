@@ -29,9 +29,8 @@ from fvs_engine.lab.baselines import create_selector
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import path_length
 from fvs_engine.plan.reach import Reach, default_radius
-from fvs_engine.scene.dataset import Dataset, read_dataset
-from fvs_engine.scene.dataset_folder import open_dataset
-from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.dataset import Dataset, open_dataset, read_dataset
+from fvs_engine.scene.scene import Scene
 from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings
 from fvs_engine.score.selectors.interface import SelectionContext, select
 from fvs_engine.select.initial_views import initial_views
@@ -136,7 +135,7 @@ def rows(
                     seed=1_000 * seed + training_seed,
                 )
                 with tempfile.TemporaryDirectory() as folder:
-                    scene = GrowingScene.open(Path(folder), dataset, settings, rasterizer, Monitor())
+                    scene = Scene.open(Path(folder), dataset, settings, rasterizer, Monitor())
                     views = scene.localise(dataset.names, Monitor())
                     poses = {name: views[name] for name in pool}
                     names, seconds = chosen(poses, initial, method, count, seed, reach, rasterizer)

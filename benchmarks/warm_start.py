@@ -26,9 +26,8 @@ from scipy.stats import spearmanr
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor
-from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.dataset_folder import open_dataset
-from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.dataset import Dataset, open_dataset
+from fvs_engine.scene.scene import Scene
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.scene.settings import SCENE_TRAINING, ModelQuality, SceneSettings
 from fvs_engine.score import MedianFrequency
@@ -63,13 +62,13 @@ def rows(
     pool, held_out = hold_out(dataset.names, 8)
     names = initial_views([dataset.by_name[name] for name in pool], before + more, SPREADS[spread], 0)
 
-    def trained(scene: GrowingScene, quality: ModelQuality) -> tuple[SceneModel, float]:
+    def trained(scene: Scene, quality: ModelQuality) -> tuple[SceneModel, float]:
         began = time.process_time()
         return scene.train(quality, Monitor()), time.process_time() - began
 
     with tempfile.TemporaryDirectory() as folder:
         warm, anew = (
-            GrowingScene.open(
+            Scene.open(
                 Path(folder, str(goes_on)),
                 dataset,
                 settings.model_copy(update={"warm_starts": goes_on}),

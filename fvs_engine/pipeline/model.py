@@ -4,14 +4,18 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
 
-from fvs_engine.errors import InvalidInputError
+from fvs_engine.errors import InvalidInputError, StorageError
+from fvs_engine.geometry import PinholeCamera
+from fvs_engine.images.pixels import reduced_size
 from fvs_engine.pipeline.manifest import CamerasRecord, Manifest
-from fvs_engine.pipeline.views import model_views, read_undistorted
 from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.plan.familiarity import Observations
-from fvs_engine.scene.observations import read_observations
 from fvs_engine.scene.scene_model import SceneModel
+from fvs_engine.scene.sparse_points import read_observations
+from fvs_engine.sfm.colmap.model import read_colmap
+from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.splat.ply import read_ply
+from fvs_engine.views import PinholeView
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -58,3 +62,23 @@ def _observations(workspace: Workspace, cameras: CamerasRecord | None) -> Observ
     if cameras is None or cameras.source != "photographs":
         return None
     return read_observations(workspace.undistorted / "sparse")
+
+
+def read_undistorted(workspace: Workspace) -> Reconstruction:
+    """The pinhole model of the folder; raises ``StorageError`` when it is damaged."""
+    return read_colmap(workspace.undistorted / "sparse")
+
+
+def model_views(reconstruction: Reconstruction, long_side_px: int) -> tuple[PinholeView, ...]:
+    """The views sorted by name, their cameras reduced to ``long_side_px``."""
+    views = []
+    for view in sorted(reconstruction.views, key=lambda view: view.name):
+        camera = view.camera
+        if not isinstance(camera, PinholeCamera):
+            raise StorageError(
+                f"The camera of {view.name} still has distortion.",
+                hint="Start again with --overwrite.",
+            )
+        reduced = camera.resized(*reduced_size(camera.width, camera.height, long_side_px))
+        views.append(PinholeView(view.name, reduced, view.camera_from_model))
+    return tuple(views)

@@ -7,8 +7,7 @@ from pathlib import Path
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.lock import locked_folder
 from fvs_engine.files.storage import storage_errors
-from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.dataset_folder import open_dataset
+from fvs_engine.scene.dataset import Dataset, open_dataset
 
 
 def open_outside(

@@ -20,12 +20,12 @@ from fvs_engine.pipeline.candidates import candidates_of, read_candidates
 from fvs_engine.pipeline.model import FolderModel, open_model
 from fvs_engine.pipeline.plan_picture import draw_plan
 from fvs_engine.plan.clearance import FreeSpace
-from fvs_engine.plan.considered import considered
 from fvs_engine.plan.distances import view_points
 from fvs_engine.plan.flight import MOST_PLACES
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.generate import MOST_CANDIDATES, Aim, candidates_in
 from fvs_engine.plan.kriging import variances
+from fvs_engine.plan.plan import considered
 from fvs_engine.plan.plan_records import Plan
 from fvs_engine.plan.registrable import NEARER, few_registrable
 from fvs_engine.plan.tours import Budget

@@ -5,6 +5,7 @@ import resource
 import sys
 import time
 from collections.abc import Callable, Sequence
+from dataclasses import replace
 
 import numpy as np
 from PIL import Image
@@ -19,28 +20,25 @@ from fvs_engine.pipeline.manifest import (
     TrainingRecord,
     ViewMetrics,
 )
-from fvs_engine.pipeline.views import (
-    load_views,
+from fvs_engine.pipeline.model import (
     model_views,
     read_undistorted,
 )
 from fvs_engine.pipeline.workspace import Workspace
-from fvs_engine.scene.scene_model import usual_camera
-from fvs_engine.splat.initialise import initialise_from_points
+from fvs_engine.scene.photographs import Photographs
+from fvs_engine.scene.quality import renders_of
+from fvs_engine.scene.scene_model import SceneModel, usual_camera
 from fvs_engine.splat.metrics import psnr, ssim
 from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
-from fvs_engine.splat.render import render_color, to_pixels
+from fvs_engine.splat.render import to_pixels
 from fvs_engine.splat.session import open_trainer, train_saving
 from fvs_engine.splat.settings import PRESETS, TrainingSettings, memory_need_bytes
 from fvs_engine.splat.spz import write_spz
-from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import PinholeView
-from fvs_schema.stages import Stage
 
-_CHECKPOINT_EVERY_S = 60.0
 _BYTES_PER_GAUSSIAN = 1_000
 """A checkpoint at SH degree 3 (parameters and Adam's moments) and the PLY, both twice while replaced."""
 
@@ -77,25 +75,24 @@ def train(
     if not held_out and manifest.settings.test_every:
         warn(f"No view is held out: {len(views)} are too few to spare one.")
     rasterizer = create_rasterizer(manifest.settings.backend, monitor)
-    loaded = load_views(training, workspace.undistorted_images, long_side_px, monitor)
+    photographs = Photographs(workspace.undistorted_images, long_side_px)
+    loaded = photographs.load_all(training, monitor)
     if not workspace.checkpoint.exists():
         require_free_bytes(workspace.root, disk_need_bytes(manifest.settings))
     trainer = open_trainer(
         workspace.checkpoint,
         loaded,
+        (reconstruction.points.xyz, reconstruction.points.colors),
         settings,
-        lambda: initialise_from_points(
-            reconstruction.points.xyz, reconstruction.points.colors, settings.sh_degree
-        ),
         rasterizer,
         manifest.settings.seed,
     )
     _warn_of_memory(settings, loaded, warn)
     state = _State(workspace, manifest, trainer, training, held_out)
-    train_saving(trainer, settings.iterations, monitor, state.save, _CHECKPOINT_EVERY_S)
+    train_saving(trainer, settings.iterations, monitor, state.save)
     state.save()
-    with torch_threads_for(rasterizer.device):
-        metrics = _evaluate(workspace, trainer, rasterizer, held_out, long_side_px, state.seconds, monitor)
+    unseen = photographs.load_all(held_out, monitor)
+    metrics = _evaluate(workspace, trainer, rasterizer, unseen, state.seconds, monitor)
     workspace.write_metrics(metrics)
     return metrics
 
@@ -163,29 +160,24 @@ def _evaluate(
     workspace: Workspace,
     trainer: Trainer,
     rasterizer: Rasterizer,
-    held_out: tuple[PinholeView, ...],
-    long_side_px: int,
+    held_out: Sequence[TrainingView],
     training_seconds: float,
     monitor: Monitor,
 ) -> Metrics:
     """Render and measure the held-out views; write each beside its photograph. Stage ``evaluate``."""
     results = []
     folder = workspace.renders / "held-out"
-    for done, view in enumerate(
-        load_views(held_out, workspace.undistorted_images, long_side_px, monitor), start=1
+    model = replace(SceneModel.of(trainer), sh_degree=trainer.gaussians.sh_degree)
+    for view, (render, photograph) in zip(
+        held_out, renders_of(model, held_out, rasterizer, monitor), strict=True
     ):
-        rendered = render_color(trainer.gaussians, view, rasterizer)
-        photograph = view.image.astype(np.float32) / 255.0
         results.append(
-            ViewMetrics(name=view.name, psnr_db=psnr(rendered, photograph), ssim=ssim(rendered, photograph))
+            ViewMetrics(name=view.name, psnr_db=psnr(render, photograph), ssim=ssim(render, photograph))
         )
         path = folder / f"{view.name}.png"
         with storage_errors(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            pixels = np.concatenate([view.image, to_pixels(rendered)], axis=1)
-            Image.fromarray(pixels).save(path)
-        monitor.report(Stage.EVALUATE, done, len(held_out))
-        monitor.check()
+            Image.fromarray(np.concatenate([view.image, to_pixels(render)], axis=1)).save(path)
     return Metrics(
         views=tuple(results),
         psnr_db=float(np.mean([view.psnr_db for view in results])) if results else None,

@@ -56,3 +56,10 @@ def path_length(centres: ArrayLike) -> float:
 def _centres(views: Sequence[AnyView]) -> Floats:
     """In the model frame, [n, 3]."""
     return np.array([view.centre for view in views]).reshape(-1, 3)
+
+
+def even_sample(count: int, most: int) -> NDArray[np.int64]:
+    """Sorted indices of a uniform random sample, the same at every call: at most ``most`` of ``count``."""
+    if count <= most:
+        return np.arange(count)
+    return np.sort(np.random.default_rng(0).choice(count, max(1, most), replace=False))

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.monitor import Monitor
-from fvs_engine.plan.sample import even_sample
+from fvs_engine.plan.distances import even_sample
 from fvs_engine.views import PinholeView
 
 Array = NDArray[np.float64]

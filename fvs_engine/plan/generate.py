@@ -10,7 +10,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at_from_each
 from fvs_engine.geometry.validation import finite_array
 from fvs_engine.plan.clearance import FreeSpace
-from fvs_engine.plan.sample import even_sample
+from fvs_engine.plan.distances import even_sample
 from fvs_engine.plan.volumes import AnyVolume
 from fvs_engine.views import PinholeView
 

@@ -13,8 +13,7 @@ from numpy.typing import NDArray
 from scipy.linalg import solve_triangular
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.plan.distances import distances_between
-from fvs_engine.plan.sample import even_sample
+from fvs_engine.plan.distances import distances_between, even_sample
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]

@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
+from fvs_engine.plan.distances import even_sample
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.outlook import Expectations
 from fvs_engine.plan.plan_records import Plan, Stop, Term, VehicleTour
@@ -17,6 +18,7 @@ from fvs_engine.plan.registrable import NEARER
 from fvs_engine.plan.route import Legs, StraightLegs
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget, plan_tours
+from fvs_engine.views import PinholeView
 
 Array = NDArray[np.float64]
 
@@ -160,3 +162,16 @@ def _terms(targets: Targets, chosen: Sequence[int], legs: Legs, vehicles: Sequen
         )
         for index, distance in zip(order.tolist(), distances.tolist(), strict=True)
     )
+
+
+_MOST_PRODUCTS = 200**3 * 2_000
+"""Maximum number of candidates times the cube of the number of views, which the time of a plan follows."""
+
+
+def considered(candidates: tuple[PinholeView, ...], views: int, most: int) -> tuple[PinholeView, ...]:
+    """Those of ``candidates`` that a plan of so many ``views`` considers: of very many, an even share.
+
+    At most ``most``. Of 100,000, up to 54 views are chosen among all, 100 among 16,000, 200 among 2,000.
+    """
+    kept = even_sample(len(candidates), min(most, _MOST_PRODUCTS // views**3))
+    return tuple(candidates[index] for index in kept)

@@ -16,7 +16,12 @@ from fvs_engine.images.catalog import SUFFIXES
 from fvs_engine.images.names import listed, match_files
 from fvs_engine.scene.sparse_points import SparsePoints, points_from_pycolmap
 from fvs_engine.sfm.colmap.imports import find_colmap_model, fit_camera, import_transforms_json
-from fvs_engine.sfm.colmap.model import camera_from_pycolmap, open_colmap, rigid_from_pycolmap
+from fvs_engine.sfm.colmap.model import (
+    camera_from_pycolmap,
+    has_colmap_model,
+    open_colmap,
+    rigid_from_pycolmap,
+)
 from fvs_engine.views import AnyView, View
 
 _MIN_VIEWS = 2
@@ -151,3 +156,34 @@ def _photograph_names(images: Path) -> set[str]:
         for path in images.rglob("*")
         if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
     }
+
+
+_MODELS = ("reference", "sparse/0", "sparse", "0", ".")
+"""Subfolders in which published datasets have their COLMAP model."""
+
+
+def open_dataset(folder: Path, colmap: Path | None = None, transforms: Path | None = None) -> Dataset:
+    """The dataset in ``folder``: photographs in it or in its ``images``, poses as named or found there.
+
+    Poses are those of the COLMAP model ``colmap`` or of the file ``transforms``; without either those of
+    ``transforms.json``, else of a COLMAP model in ``reference``, ``sparse/0``, ``sparse`` or the folder
+    itself. Raises ``InvalidInputError`` when there are none, and what ``read_dataset`` raises.
+    """
+    require_folder(folder, "Give the folder of the dataset.")
+    images = folder / "images" if (folder / "images").is_dir() else folder
+    if colmap is not None and transforms is not None:
+        raise InvalidInputError(
+            "Poses can come from one source only.", hint="Give either --colmap or --transforms."
+        )
+    if colmap is None and transforms is None:
+        if (folder / "transforms.json").is_file():
+            transforms = folder / "transforms.json"
+        else:
+            models = (folder / name for name in _MODELS)
+            colmap = next((model for model in models if has_colmap_model(model)), None)
+    if colmap is None and transforms is None:
+        raise InvalidInputError(
+            f"{folder} holds no poses: neither transforms.json nor a COLMAP model.",
+            hint="Name them with --colmap DIR or --transforms FILE; `fvs reconstruct` makes a COLMAP model.",
+        )
+    return read_dataset(images, colmap, transforms)

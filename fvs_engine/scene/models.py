@@ -27,8 +27,6 @@ from fvs_schema.stages import Stage
 STAGES: Mapping[ModelQuality, Stage] = {"quick": Stage.QUICK_TRAINING, "full": Stage.TRAINING}
 """The stage in which each model is trained."""
 
-_SAVE_EVERY_S = 60.0
-
 
 class _Owner(Record):
     """Owner of a checkpoint: the model's quality, its views, and the digest of its inputs."""
@@ -107,7 +105,7 @@ class SceneModels:
         def save(path: Path = self._files.training) -> None:
             trainer.save(path, owner_state=owner.model_dump(mode="json"))
 
-        train_saving(trainer, iterations, monitor, save, _SAVE_EVERY_S, STAGES[quality])
+        train_saving(trainer, iterations, monitor, save, STAGES[quality])
         save(self._files.model(quality))
         self._files.training.unlink(missing_ok=True)
         return SceneModel.of(trainer)

@@ -1,5 +1,6 @@
 """Training images: undistorted, at the training size."""
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -11,7 +12,10 @@ from torch.nn.functional import grid_sample
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import Camera, PinholeCamera, RigidTransform
 from fvs_engine.images.pixels import load_rgb, reduced_size
+from fvs_engine.monitor import Monitor
 from fvs_engine.splat.views import TrainingView
+from fvs_engine.views import AnyView
+from fvs_schema.stages import Stage
 
 Array = NDArray[np.float64]
 
@@ -64,6 +68,15 @@ class Photographs:
         if not isinstance(camera, PinholeCamera):
             image = _resampled(image, self._map(camera, pinhole))
         return TrainingView(name, pinhole, camera_from_model, image)
+
+    def load_all(self, views: Sequence[AnyView], monitor: Monitor) -> list[TrainingView]:
+        """Load the images of ``views``. Stage ``load``; raises ``Cancelled`` and as ``load``."""
+        loaded = []
+        for done, view in enumerate(views, start=1):
+            monitor.check()
+            loaded.append(self.load(view.name, view.camera, view.camera_from_model))
+            monitor.report(Stage.LOAD, done, len(views))
+        return loaded
 
     def _map(self, camera: Camera, pinhole: PinholeCamera) -> Tensor:
         """Where the pixels of the pinhole image lie in the photograph, [1, H, W, 2], from -1 to 1 each."""

@@ -4,14 +4,18 @@ from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Protocol
 
+import numpy as np
+
+from fvs_engine.geometry import RigidTransform
+from fvs_engine.geometry.alignment.cameras import centre_spread
+from fvs_engine.geometry.rotations import matrix_from_rotation_vector
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.dataset_priors import dataset_priors
 from fvs_engine.scene.known_poses import KnownPoses
-from fvs_engine.scene.settings import SceneSettings
+from fvs_engine.scene.settings import PriorNoise, SceneSettings
 from fvs_engine.scene.sfm_poses import SfmPoses
 from fvs_engine.sfm.growing.update import PoseUpdate
-from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.views import AnyView
 
 
@@ -76,3 +80,18 @@ def open_pose_source(folder: Path, dataset: Dataset, settings: SceneSettings, mo
     if dataset.views and settings.prior_noise is not None:
         priors = dataset_priors(dataset, settings.prior_noise, settings.seed)
     return SfmPoses(folder, dataset, settings.sfm, monitor, priors)
+
+
+def dataset_priors(dataset: Dataset, noise: PriorNoise, seed: int) -> PosePriors:
+    """Pose priors of all views, in the dataset's frame; the noise depends on ``seed`` and dataset only."""
+    random = np.random.default_rng(seed)
+    centres = np.stack([view.centre for view in dataset.views])
+    sigma = noise.position_share * centre_spread(centres)
+    by_name = {}
+    for view, centre in zip(dataset.views, centres, strict=True):
+        turn = matrix_from_rotation_vector(np.deg2rad(noise.orientation_deg) * random.normal(size=3))
+        world_from_camera = RigidTransform(
+            turn @ view.camera_from_model.rotation.T, centre + sigma * random.normal(size=3)
+        )
+        by_name[view.name] = PosePrior.of_camera(world_from_camera, sigma, noise.orientation_deg)
+    return PosePriors(by_name=by_name)

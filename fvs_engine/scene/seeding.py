@@ -6,6 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fvs_engine.sfm.growing.two_view_points import TwoViewPoints
 from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.initialise import initialise_from_points, point_spacing
@@ -102,3 +103,19 @@ def _common_focus(views: Sequence[TrainingView]) -> Array:
         return np.asarray(focus)
     spread = scene_extent(views, (centres + forward).astype(np.float32))
     return np.asarray(centres.mean(axis=0) + spread * forward.mean(axis=0))
+
+
+def colored(points: TwoViewPoints, views: Sequence[TrainingView]) -> PointCloud:
+    """The points, each with the colour of the pixel that shows it.
+
+    Points outside of their undistorted photograph are left out.
+    """
+    found, colors = [np.zeros((0, 3))], [np.zeros((0, 3), dtype=np.uint8)]
+    for view in views:
+        xyz = points.xyz[points.seen_in == view.name]
+        px = view.camera.project(view.camera_from_model.apply(xyz))
+        inside = ((px >= 0) & (px < (view.camera.width, view.camera.height))).all(axis=1)
+        column, row = px[inside].astype(np.int64).T
+        found.append(xyz[inside])
+        colors.append(view.image[row, column])
+    return PointCloud(np.concatenate(found), np.concatenate(colors))

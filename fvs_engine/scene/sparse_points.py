@@ -2,11 +2,14 @@
 
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 
 import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from fvs_engine.plan.familiarity import Observations
+from fvs_engine.sfm.colmap.model import open_colmap
 from fvs_engine.sfm.reconstruction import PointCloud
 
 MIN_VIEWS = 2
@@ -71,3 +74,14 @@ def points_from_pycolmap(model: pycolmap.Reconstruction, names: Mapping[str, str
         views.append(np.full(len(known), index[names[image.name]]))
         seen.append(known)
     return SparsePoints(cloud, view_names, np.concatenate(views), np.concatenate(seen))
+
+
+def read_observations(model_dir: Path) -> Observations:
+    """The sparse points of the model in ``model_dir`` and the centres that saw them, in its frame."""
+    model = open_colmap(model_dir)
+    centres = {image.name: image.projection_center() for image in model.images.values() if image.has_pose}
+    points = points_from_pycolmap(model, {name: name for name in centres})
+    if points is None:
+        return Observations(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros((0, 3)))
+    seen_from = np.stack([centres[name] for name in points.view_names])
+    return Observations(points.cloud.xyz, points.observed_point, seen_from[points.observing_view])

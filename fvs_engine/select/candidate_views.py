@@ -5,7 +5,7 @@ from collections.abc import Mapping
 
 from fvs_engine.geometry import PinholeCamera, SimilarityTransform
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.scene import Scene
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.splat.metrics import psnr
 from fvs_engine.splat.render import render_color
@@ -34,7 +34,7 @@ def comparable_views(
     return tuple(candidates)
 
 
-def psnr_of(scene: GrowingScene, model: SceneModel, name: str) -> float | None:
+def psnr_of(scene: Scene, model: SceneModel, name: str) -> float | None:
     """The PSNR of a registered view's photograph, rendered by ``model``; None where it is unregistered."""
     for view in scene.views:
         if view.name == name:

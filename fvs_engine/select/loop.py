@@ -18,9 +18,9 @@ from fvs_engine.plan.outlook import Expectations, look_ahead
 from fvs_engine.plan.plan_records import Expectation
 from fvs_engine.plan.reach import Reach, default_radius
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.growing_scene import GrowingScene
-from fvs_engine.scene.observations import read_observations
+from fvs_engine.scene.scene import Scene
 from fvs_engine.scene.scene_model import SceneModel
+from fvs_engine.scene.sparse_points import read_observations
 from fvs_engine.score.selectors.interface import SelectionContext, Selector, select
 from fvs_engine.select.candidate_views import comparable_views, psnr_of
 from fvs_engine.select.initial_views import initial_views
@@ -74,7 +74,7 @@ class SelectionLoop:
     the next view is chosen. ``scene.train`` makes the full model where one is wanted; choices do not depend
     on it.
 
-    A selection that was killed at any moment continues identically (on the CPU; see ``GrowingScene``).
+    A selection that was killed at any moment continues identically (on the CPU; see ``Scene``).
     """
 
     def __init__(
@@ -82,7 +82,7 @@ class SelectionLoop:
         folder: LoopFolder,
         manifest: SelectionManifest,
         dataset: Dataset,
-        scene: GrowingScene,
+        scene: Scene,
         settings: LoopSettings,
         selector: Selector,
         reach: Reach,
@@ -152,7 +152,7 @@ class SelectionLoop:
                 dataset=dataset.name, fingerprint=fingerprint(dataset), settings=settings, initial=initial
             )
         )
-        scene = GrowingScene.open(place.scene, dataset, settings.scene, rasterizer, monitor)
+        scene = Scene.open(place.scene, dataset, settings.scene, rasterizer, monitor)
         return cls(place, manifest, dataset, scene, settings, selector, reach)
 
     @property

@@ -4,31 +4,37 @@ import time
 from collections.abc import Callable, Sequence
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fvs_engine.errors import Cancelled
 from fvs_engine.monitor import Monitor, Progress
-from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.settings import TrainingSettings
 from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
 from fvs_schema.stages import Stage
 
+SAVE_EVERY_S = 60.0
+
 
 def open_trainer(
     checkpoint: Path,
     views: Sequence[TrainingView],
+    points: tuple[NDArray[np.float64], NDArray[np.uint8]],
     settings: TrainingSettings,
-    initial: Callable[[], Gaussians],
     rasterizer: Rasterizer,
     seed: int = 0,
 ) -> Trainer:
-    """Resume the trainer of ``checkpoint``, or create one on the Gaussians that ``initial`` returns.
+    """Resume the trainer of ``checkpoint``, or create one with Gaussians on ``points`` and of their colours.
 
     A resumed trainer uses ``settings``: the same ones give the same result, more iterations the schedule of
     the longer run. Raises what ``Trainer`` and ``Trainer.resume`` raise.
     """
     if not checkpoint.exists():
-        return Trainer(views, initial(), settings, rasterizer, seed)
+        gaussians = initialise_from_points(*points, settings.sh_degree)
+        return Trainer(views, gaussians, settings, rasterizer, seed)
     trainer = Trainer.resume(checkpoint, views, rasterizer)
     trainer.settings = settings
     return trainer
@@ -39,15 +45,14 @@ def train_saving(
     until_iteration: int,
     monitor: Monitor,
     save: Callable[[], None],
-    every_s: float,
     stage: Stage = Stage.TRAINING,
 ) -> None:
-    """Train up to ``until_iteration``, calling ``save`` every ``every_s`` seconds and when cancelled.
+    """Train up to ``until_iteration``, calling ``save`` every minute and when cancelled.
 
     The caller saves what follows the last save. Raises what ``Trainer.train`` raises.
     """
     try:
-        trainer.train(until_iteration, SavingMonitor(monitor, save, every_s), stage)
+        trainer.train(until_iteration, SavingMonitor(monitor, save, SAVE_EVERY_S), stage)
     except Cancelled:
         save()
         raise

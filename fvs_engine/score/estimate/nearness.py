@@ -11,8 +11,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.compilation.kernels import F, kernel
+from fvs_engine.plan.distances import even_sample
 from fvs_engine.plan.familiarity import MOST_DISTANCE_RATIO
-from fvs_engine.plan.sample import even_sample
 from fvs_engine.score.estimate.cells import LEAST_CELL_PX, cover
 from fvs_engine.score.estimate.splat_table import SplatTable
 from fvs_engine.splat.gaussians import Gaussians

@@ -14,7 +14,7 @@ from fvs_engine.geometry.cameras import DistortedCamera
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.cameras import find_cameras
 from fvs_engine.pipeline.manifest import ImageRecord, ImagesRecord, Manifest, ReconstructionSettings
-from fvs_engine.pipeline.views import read_undistorted
+from fvs_engine.pipeline.model import read_undistorted
 from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.sfm.batch import undistort
 from fvs_engine.sfm.batch.reconstruct import SfmResult

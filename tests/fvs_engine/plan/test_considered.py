@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
-from fvs_engine.plan.considered import considered
 from fvs_engine.plan.generate import MOST_CANDIDATES
+from fvs_engine.plan.plan import considered
 from fvs_engine.views import PinholeView
 
 CAMERA = PinholeCamera(64, 48, 60.0, 60.0, 32.0, 24.0)

@@ -1,7 +1,7 @@
 import numpy as np
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
-from fvs_engine.scene.colored_points import colored
+from fvs_engine.scene.seeding import colored
 from fvs_engine.sfm.growing.two_view_points import TwoViewPoints
 from fvs_engine.splat.views import TrainingView
 

@@ -8,8 +8,7 @@ from PIL import Image
 
 from fvs_engine.errors import ReconstructionError
 from fvs_engine.monitor import Monitor
-from fvs_engine.scene.dataset import Dataset, read_dataset
-from fvs_engine.scene.dataset_folder import open_dataset
+from fvs_engine.scene.dataset import Dataset, open_dataset, read_dataset
 from fvs_engine.scene.known_poses import KnownPoses
 from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.sfm.settings import FeatureSettings, SfmSettings

@@ -11,7 +11,7 @@ from fvs_engine.errors import Cancelled, TrainingError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.scene import Scene
 from fvs_engine.scene.scene_files import SceneFiles
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.sfm.growing.update import PoseUpdate
@@ -81,14 +81,14 @@ class MovingPoses:
 @pytest.fixture
 def moving(
     tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
-) -> tuple[GrowingScene, MovingPoses]:
+) -> tuple[Scene, MovingPoses]:
     source = MovingPoses(ball)
     (tmp_path / "moving").mkdir()
-    return GrowingScene(SceneFiles(tmp_path / "moving"), ball, quick_settings(), cpu, source), source
+    return Scene(SceneFiles(tmp_path / "moving"), ball, quick_settings(), cpu, source), source
 
 
 def test_a_photograph_without_a_camera_waits_and_joins_later(
-    moving: tuple[GrowingScene, MovingPoses], cpu: Rasterizer
+    moving: tuple[Scene, MovingPoses], cpu: Rasterizer
 ) -> None:
     scene, source = moving
     source.late = {"2.png"}
@@ -99,12 +99,12 @@ def test_a_photograph_without_a_camera_waits_and_joins_later(
     assert update.registered == ("2.png", "7.png")
     assert update.unregistered == ()
     scene.train("full", Monitor())
-    resumed = GrowingScene(scene._files, scene.dataset, scene.settings, cpu, source)
+    resumed = Scene(scene._files, scene.dataset, scene.settings, cpu, source)
     resumed._resume(Monitor())
     assert_same_scenes(scene, resumed)
 
 
-def test_an_image_that_is_not_registered_changes_no_model(moving: tuple[GrowingScene, MovingPoses]) -> None:
+def test_an_image_that_is_not_registered_changes_no_model(moving: tuple[Scene, MovingPoses]) -> None:
     scene, source = moving
     source.renumbers = False
     scene.add(FIRST, Monitor())
@@ -117,7 +117,7 @@ def test_an_image_that_is_not_registered_changes_no_model(moving: tuple[GrowingS
     assert not scene.is_trained("full")
 
 
-def test_a_view_that_loses_its_camera_waits_again(moving: tuple[GrowingScene, MovingPoses]) -> None:
+def test_a_view_that_loses_its_camera_waits_again(moving: tuple[Scene, MovingPoses]) -> None:
     scene, source = moving
     scene.add(FIRST, Monitor())
     source.late = {"0.png"}
@@ -129,7 +129,7 @@ def test_a_view_that_loses_its_camera_waits_again(moving: tuple[GrowingScene, Mo
 
 
 def test_a_scene_without_any_camera_says_so_and_waits(
-    moving: tuple[GrowingScene, MovingPoses], cpu: Rasterizer
+    moving: tuple[Scene, MovingPoses], cpu: Rasterizer
 ) -> None:
     scene, source = moving
     source.late = {"0.png", "5.png"}
@@ -138,7 +138,7 @@ def test_a_scene_without_any_camera_says_so_and_waits(
     with pytest.raises(TrainingError, match="None of the 2 visited"):
         scene.train("quick", Monitor())
     scene.save()
-    resumed = GrowingScene(scene._files, scene.dataset, scene.settings, cpu, source)
+    resumed = Scene(scene._files, scene.dataset, scene.settings, cpu, source)
     resumed._resume(Monitor())
     assert resumed.unregistered == ("0.png", "5.png")
     source.late = set()
@@ -146,7 +146,7 @@ def test_a_scene_without_any_camera_says_so_and_waits(
 
 
 def test_cameras_that_moved_are_followed_and_their_images_are_not_read_again(
-    moving: tuple[GrowingScene, MovingPoses],
+    moving: tuple[Scene, MovingPoses],
 ) -> None:
     scene, source = moving
     scene.add(FIRST, Monitor())
@@ -161,21 +161,21 @@ def test_cameras_that_moved_are_followed_and_their_images_are_not_read_again(
 def test_the_expected_camera_needs_no_photograph(
     tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
 ) -> None:
-    scene = GrowingScene.open(tmp_path / "scene", ball, quick_settings(long_side_px=32), cpu, Monitor())
+    scene = Scene.open(tmp_path / "scene", ball, quick_settings(long_side_px=32), cpu, Monitor())
     assert scene.expected_camera("3.png") == ball.by_name["3.png"].camera.resized(32, 27)
 
     estimated = PinholeCamera(48, 40, 60.0, 60.0, 24.0, 20.0)
     source = MovingPoses(ball)
     source.camera = estimated
     files = SceneFiles(tmp_path / "estimated")
-    scene = GrowingScene(files, ball, quick_settings(poses="sfm"), cpu, source)
+    scene = Scene(files, ball, quick_settings(poses="sfm"), cpu, source)
     assert scene.expected_camera("3.png") == ball.by_name["3.png"].camera
     scene.add(FIRST, Monitor())
     assert scene.expected_camera("3.png") == estimated
 
 
 def test_a_removed_image_leaves_no_trace_and_can_come_back(
-    moving: tuple[GrowingScene, MovingPoses],
+    moving: tuple[Scene, MovingPoses],
 ) -> None:
     scene, source = moving
     source.renumbers = False
@@ -191,7 +191,7 @@ def test_a_removed_image_leaves_no_trace_and_can_come_back(
 
 
 def test_images_come_back_that_an_update_which_failed_took_out(
-    moving: tuple[GrowingScene, MovingPoses],
+    moving: tuple[Scene, MovingPoses],
 ) -> None:
     """The scene still has them, but its pose source does not."""
     scene, source = moving
@@ -207,7 +207,7 @@ def test_images_come_back_that_an_update_which_failed_took_out(
 
 
 def test_warnings_are_acknowledged_when_the_scene_is_saved(
-    moving: tuple[GrowingScene, MovingPoses],
+    moving: tuple[Scene, MovingPoses],
 ) -> None:
     scene, source = moving
     scene.add(FIRST, Monitor())
@@ -217,7 +217,7 @@ def test_warnings_are_acknowledged_when_the_scene_is_saved(
 
 
 def test_removing_an_image_without_a_pose_keeps_the_models(
-    moving: tuple[GrowingScene, MovingPoses],
+    moving: tuple[Scene, MovingPoses],
 ) -> None:
     scene, source = moving
     source.renumbers = False

@@ -9,8 +9,7 @@ from fvs_engine.geometry import PinholeCamera, angle_between, look_at
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene import sfm_poses
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.dataset_priors import dataset_priors
-from fvs_engine.scene.pose_source import open_pose_source
+from fvs_engine.scene.pose_source import dataset_priors, open_pose_source
 from fvs_engine.scene.settings import PriorNoise, SceneSettings
 from fvs_engine.sfm.growing.two_view_points import TwoViewPoints
 from fvs_engine.sfm.growing.update import PoseUpdate

@@ -7,8 +7,8 @@ import torch
 
 from fvs_engine.geometry import robust_umeyama
 from fvs_engine.monitor import Monitor
-from fvs_engine.scene.dataset_folder import open_dataset
-from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.dataset import open_dataset
+from fvs_engine.scene.scene import Scene
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.settings import FeatureSettings, SfmSettings
@@ -31,8 +31,8 @@ def test_a_scene_whose_cameras_are_found_on_the_way(
         sfm=SfmSettings(threads=1, features_of_few=FeatureSettings(max_features=2000)),
     )
 
-    def opened() -> GrowingScene:
-        return GrowingScene.open(tmp_path / "scene", dataset, settings, cpu, Monitor())
+    def opened() -> Scene:
+        return Scene.open(tmp_path / "scene", dataset, settings, cpu, Monitor())
 
     first, later, never = dataset.names[:4], dataset.names[4], dataset.names[5]
     scene = opened()

@@ -12,7 +12,7 @@ from fvs_engine.errors import Cancelled
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.scene import Scene
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.scene.warm_start import WarmStart
@@ -26,14 +26,12 @@ FIRST = ("0.png", "1.png", "2.png", "8.png", "9.png", "4.png")
 
 
 @pytest.fixture
-def opened(
-    tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
-) -> Callable[..., GrowingScene]:
+def opened(tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer) -> Callable[..., Scene]:
     """Opens the scene in a folder; keywords change its settings."""
 
-    def open_scene(folder: str = "scene", **changes: object) -> GrowingScene:
+    def open_scene(folder: str = "scene", **changes: object) -> Scene:
         settings = quick_settings(**{"initial_iterations": 60, "warm_starts": True, **changes})
-        return GrowingScene.open(tmp_path / folder, ball, settings, cpu, Monitor())
+        return Scene.open(tmp_path / folder, ball, settings, cpu, Monitor())
 
     return open_scene
 
@@ -56,7 +54,7 @@ def quality_db(model: SceneModel, views: Sequence[TrainingView], cpu: Rasterizer
 
 
 def test_a_quick_model_goes_on_from_the_last_full_one_and_learns_the_new_view(
-    opened: Callable[..., GrowingScene], cpu: Rasterizer
+    opened: Callable[..., Scene], cpu: Rasterizer
 ) -> None:
     scene, anew = opened(), opened("anew", warm_starts=False)
     for grown in (scene, anew):
@@ -74,7 +72,7 @@ def test_a_quick_model_goes_on_from_the_last_full_one_and_learns_the_new_view(
     assert quality_db(warm, scene.views, cpu) > quality_db(cold, scene.views, cpu) + 1
 
 
-def test_it_hangs_on_the_views_of_both_models_alone(opened: Callable[..., GrowingScene]) -> None:
+def test_it_hangs_on_the_views_of_both_models_alone(opened: Callable[..., Scene]) -> None:
     straight, detour = opened("straight"), opened("detour")
     for scene in (straight, detour):
         scene.add(FIRST, Monitor())
@@ -89,12 +87,12 @@ def test_it_hangs_on_the_views_of_both_models_alone(opened: Callable[..., Growin
 
 
 @pytest.mark.parametrize("stop", ["in the quick model", "after it", "in the full model"])
-def test_a_killed_warm_start_comes_to_the_same_end(opened: Callable[..., GrowingScene], stop: str) -> None:
+def test_a_killed_warm_start_comes_to_the_same_end(opened: Callable[..., Scene], stop: str) -> None:
     def stopping_at(iteration: int) -> Monitor:
         monitor = Monitor(lambda progress: monitor.cancel() if progress.done == iteration else None)
         return monitor
 
-    def go_on(scene: GrowingScene) -> list[SceneModel]:
+    def go_on(scene: Scene) -> list[SceneModel]:
         scene.add(["5.png"], Monitor())
         return [scene.train(quality, Monitor()) for quality in ("quick", "full")]
 
@@ -122,7 +120,7 @@ def test_a_killed_warm_start_comes_to_the_same_end(opened: Callable[..., Growing
 
 
 def test_a_full_model_that_was_not_finished_takes_nothing_from_the_last_one(
-    opened: Callable[..., GrowingScene],
+    opened: Callable[..., Scene],
 ) -> None:
     scene = opened()
     scene.add(FIRST, Monitor())
@@ -141,7 +139,7 @@ def test_a_full_model_that_was_not_finished_takes_nothing_from_the_last_one(
     ids=["an image is gone", "too many are new"],
 )
 def test_else_a_quick_model_is_trained_anew(
-    opened: Callable[..., GrowingScene], names: Sequence[str], removed: Sequence[str]
+    opened: Callable[..., Scene], names: Sequence[str], removed: Sequence[str]
 ) -> None:
     """A model that was trained on a deleted image must not live on in others."""
     scene = opened()
@@ -152,7 +150,7 @@ def test_else_a_quick_model_is_trained_anew(
 
 
 def test_cameras_that_moved_by_more_than_two_pixels_are_a_reason_to_train_anew(
-    opened: Callable[..., GrowingScene], ball: Dataset
+    opened: Callable[..., Scene], ball: Dataset
 ) -> None:
     scene = opened()
     scene.add(FIRST, Monitor())

@@ -20,8 +20,7 @@ from fvs_engine.errors import (
 )
 from fvs_engine.geometry import angle_between
 from fvs_engine.monitor import Monitor
-from fvs_engine.scene.dataset import Dataset, read_dataset
-from fvs_engine.scene.dataset_folder import open_dataset
+from fvs_engine.scene.dataset import Dataset, open_dataset, read_dataset
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.select.loop import SelectionLoop, StepRecord, StopReason
 from fvs_engine.sfm.settings import FeatureSettings, SfmSettings

@@ -127,7 +127,7 @@ def test_an_update_passes_all_priors_on(tmp_path: Path, monkeypatch: pytest.Monk
         return SimpleNamespace(iteration=0, add=add, visited=(), quarantined={})
 
     prepare: Callable[..., PreparedImages] = lambda *_: PreparedImages(_named(*images), {})  # noqa: E731
-    monkeypatch.setattr(scene_jobs, "GrowingScene", SimpleNamespace(open=open_scene))
+    monkeypatch.setattr(scene_jobs, "Scene", SimpleNamespace(open=open_scene))
     monkeypatch.setattr(scene_jobs, "prepare_images", prepare)
     states: Any = SimpleNamespace()
     jobs = scene_jobs.SceneJobs(tmp_path, Blobs(tmp_path / "blobs"), WorkerSettings(), states, states)

@@ -72,6 +72,16 @@ def test_a_worker_that_does_not_train_leaves_the_update_to_one_that_does(open_ga
     assert waits["waiting"]["reason"] == "no-worker"
 
 
+@pytest.mark.parametrize(("every", "tested"), [(None, []), (4, ["0.png", "4.png"]), (9, []), (2, [])])
+def test_held_out_views_are_not_trained_on(every: int | None, tested: list[str]) -> None:
+    """None is held out when too few would be left."""
+    views = [cast(Any, SimpleNamespace(name=f"{number}.png")) for number in range(3 if every == 2 else 6)]
+    trained, held_out = scene_jobs._split(views, every)
+    assert [view.name for view in held_out] == tested
+    assert {view.name for view in trained} | set(tested) == {view.name for view in views}
+    assert len(trained) + len(tested) == len(views)
+
+
 class SomeUpdate:
     """The result of an ``add`` that changes nothing."""
 
@@ -144,7 +154,7 @@ def test_a_scene_of_other_settings_is_reconstructed_from_scratch(
     images = {name: cast(Any, SimpleNamespace(digest=name)) for name in ("a", "b")}
     monkeypatch.setattr(scene_jobs, "prepare_images", lambda *_: PreparedImages(images, {}))
     monkeypatch.setattr(scene_jobs, "pose_priors", lambda *_: {})
-    monkeypatch.setattr(scene_jobs.GrowingScene, "open", opened)
+    monkeypatch.setattr(scene_jobs.Scene, "open", opened)
     warnings: list[str] = []
     assert _jobs(tmp_path).run(_request(trains=False), _monitor(), warnings.append) is None
     assert scene.calls == ["add", "save"]
@@ -168,7 +178,7 @@ def test_a_damaged_scene_is_reconstructed_from_scratch(
     images = {name: cast(Any, SimpleNamespace(digest=name)) for name in ("a", "b")}
     monkeypatch.setattr(scene_jobs, "prepare_images", lambda *_: PreparedImages(images, {}))
     monkeypatch.setattr(scene_jobs, "pose_priors", lambda *_: {})
-    monkeypatch.setattr(scene_jobs.GrowingScene, "open", lambda *_: Damaged() if damaged.exists() else scene)
+    monkeypatch.setattr(scene_jobs.Scene, "open", lambda *_: Damaged() if damaged.exists() else scene)
     warnings: list[str] = []
     assert _jobs(tmp_path).run(_request(trains=False), _monitor(), warnings.append) is None
     assert scene.calls == ["add", "save"]

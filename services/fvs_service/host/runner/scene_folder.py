@@ -19,7 +19,7 @@ class SceneFolder:
 
     @property
     def growing(self) -> Path:
-        """The folder of the ``GrowingScene``."""
+        """The folder of the ``Scene``."""
         return self.root / "growing"
 
     @property

@@ -21,29 +21,27 @@ from fvs_engine.errors import (
 from fvs_engine.hold_out import hold_out_views
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.final_model import FinalModel
 from fvs_engine.scene.photographs import Photographs
+from fvs_engine.scene.quality import evenly_spaced, mean_psnr_db, measure
+from fvs_engine.scene.scene import Scene
 from fvs_engine.scene.scene_files import SceneFiles
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings
 from fvs_engine.sfm.growing.state import GrowthFolder
 from fvs_engine.sfm.quarantine import warning
 from fvs_engine.sfm.reconstruction import PointCloud
-from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.raster import Rasterizer
-from fvs_engine.splat.session import open_trainer, train_saving
 from fvs_engine.splat.settings import PRESETS
 from fvs_engine.splat.views import TrainingView
 from fvs_schema.stages import Stage
 from fvs_service.host.protocol.messages import JobOutcome, RunJob
 from fvs_service.host.runner.artifacts import write_artifacts
-from fvs_service.host.runner.fine_cameras import fine_cameras
 from fvs_service.host.runner.first_model_monitor import FirstModelMonitor
 from fvs_service.host.runner.gpu_slots import gpu_slot
 from fvs_service.host.runner.image_files import discard_images, prepare_images
 from fvs_service.host.runner.job_monitor import JobMonitor
 from fvs_service.host.runner.pose_priors import pose_priors
-from fvs_service.host.runner.quality import measure, psnr_db, spread
 from fvs_service.host.runner.scene_choice import choose, read_choice
 from fvs_service.host.runner.scene_folder import SceneFolder
 from fvs_service.host.runner.snapshot_models import SnapshotModels
@@ -55,7 +53,6 @@ from fvs_service.settings import WorkerSettings
 from fvs_service.snapshots.model import SnapshotMetrics
 from fvs_service.storage.blobs import Blobs
 
-_SAVE_EVERY_S = 30.0
 _FIRST_TRIED = "first-model-tried"
 """Name of the file that marks a growing scene, also in the working copy, once a first model was tried."""
 _MOST_EVALUATED = 16
@@ -84,7 +81,7 @@ class SceneJobs:
         self._settings = settings
         self._rasterizer = rasterizer
         self._models = models
-        self._scene: GrowingScene | None = None
+        self._scene: Scene | None = None
 
     def run(
         self,
@@ -164,7 +161,7 @@ class SceneJobs:
     def _publish_first(
         self,
         request: RunJob,
-        scene: GrowingScene,
+        scene: Scene,
         images: Mapping[str, Image],
         monitor: Monitor,
         warn: Warn,
@@ -196,7 +193,7 @@ class SceneJobs:
     def _outcome_of_update(
         self,
         request: RunJob,
-        scene: GrowingScene,
+        scene: Scene,
         images: Mapping[str, Image],
         model: SceneModel,
         name: str,
@@ -217,7 +214,7 @@ class SceneJobs:
         )
 
     def _evaluate_previous(
-        self, request: RunJob, scene: GrowingScene, images: Mapping[str, Image], monitor: Monitor
+        self, request: RunJob, scene: Scene, images: Mapping[str, Image], monitor: Monitor
     ) -> float | None:
         """The PSNR of the latest snapshot at the new images, before the model is trained on them."""
         if request.snapshot_id is None:
@@ -225,8 +222,8 @@ class SceneJobs:
         before = self._models.of_snapshot(request.snapshot_id)
         seen = {view.name for view in before.views}
         new = [view for view in scene.views if images[view.name].digest not in seen]
-        views = spread(new, _MOST_EVALUATED)
-        return psnr_db(before.gaussians, before.sh_degree, views, self._rasterizer, monitor)
+        views = evenly_spaced(new, _MOST_EVALUATED)
+        return mean_psnr_db(before, views, self._rasterizer, monitor)
 
     def _images(
         self, request: RunJob, monitor: Monitor, warn: Warn, quarantine: Quarantine
@@ -236,7 +233,7 @@ class SceneJobs:
         _quarantine(prepared.rejected, request, warn, quarantine)
         return prepared.files
 
-    def _open_scene(self, request: RunJob, images: int, monitor: Monitor, warn: Warn) -> GrowingScene:
+    def _open_scene(self, request: RunJob, images: int, monitor: Monitor, warn: Warn) -> Scene:
         choice = choose(self._folder, request.request, self._settings, images)
         if self._scene is None:
             settings = SceneSettings(
@@ -260,41 +257,25 @@ class SceneJobs:
         self._scene = None
         shutil.rmtree(self._folder.growing)
 
-    def _growing(self, settings: SceneSettings, monitor: Monitor) -> GrowingScene:
+    def _growing(self, settings: SceneSettings, monitor: Monitor) -> Scene:
         dataset = Dataset("scene", self._folder.images, (), arriving=True)
-        return GrowingScene.open(self._folder.growing, dataset, settings, self._rasterizer, monitor)
+        return Scene.open(self._folder.growing, dataset, settings, self._rasterizer, monitor)
 
     def _fine(self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine) -> JobOutcome:
         placed = self._images(request, monitor, warn, quarantine)
-        fine = self._fine_folder(request.job_id)
-        cameras = fine_cameras(self._growth, fine, placed)
+        final = FinalModel(self._fine_folder(request.job_id))
+        cameras = final.cameras(self._growth.current_model, placed)
         wanted, settings = request.request, self._settings
         photographs = Photographs(self._folder.images, wanted.long_side_px or self._usual_side())
-        views = []
-        for done, view in enumerate(cameras.views, start=1):
-            monitor.check()
-            views.append(photographs.load(view.name, view.camera, view.camera_from_model))
-            monitor.report(Stage.LOAD, done, len(cameras.views))
+        views = photographs.load_all(cameras.views, monitor)
         trained, held_out = _split(views, wanted.test_every)
         if wanted.test_every is not None and not held_out:
             warn(f"No image is held out for testing: {len(views)} are too few. The quality was not measured.")
         training = PRESETS["fine"].model_copy(update={"max_gaussians": settings.fine_max_gaussians})
         training = training.with_iterations(wanted.iterations or settings.fine_iterations)
-        checkpoint = fine / "checkpoint.safetensors"
-        trainer = open_trainer(
-            checkpoint,
-            trained,
-            training,
-            lambda: initialise_from_points(cameras.points.xyz, cameras.points.colors, training.sh_degree),
-            self._rasterizer,
-        )
         with self._gpu_slot(monitor):
-            train_saving(
-                trainer, training.iterations, monitor, lambda: trainer.save(checkpoint), _SAVE_EVERY_S
-            )
-        trainer.save(checkpoint)
-        model = SceneModel.of(trainer)
-        quality = measure(model.gaussians, model.sh_degree, held_out, self._rasterizer, monitor)
+            model = final.train(trained, cameras.points, training, self._rasterizer, monitor)
+        quality = measure(model, held_out, self._rasterizer, monitor)
         measured = {} if quality is None else asdict(quality)
         # Images that arrived after the model's update are neither registered nor unregistered yet.
         posed = {view.name for view in views}
@@ -305,7 +286,7 @@ class SceneJobs:
         }
         monitor.report(Stage.SNAPSHOT, 0, 1)
         folder = self._folder.outcome(request.job_id)
-        return self._outcome(folder, views, images, model, cameras.points, fine / "sparse", measured)
+        return self._outcome(folder, views, images, model, cameras.points, final.sparse, measured)
 
     def _gpu_slot(self, monitor: Monitor) -> AbstractContextManager[None]:
         return gpu_slot(self._rasterizer.device, self._settings.trainings_per_gpu, monitor)

@@ -7,8 +7,8 @@ from collections import OrderedDict
 from pathlib import Path
 
 from fvs_engine.plan.familiarity import Observations
-from fvs_engine.scene.observations import read_observations
 from fvs_engine.scene.scene_model import SceneModel
+from fvs_engine.scene.sparse_points import read_observations
 from fvs_engine.splat.ply import read_ply
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView

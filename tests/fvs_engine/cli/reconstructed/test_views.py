@@ -224,7 +224,7 @@ def test_plans_that_cannot_be_made_say_what_to_change(
 def test_of_very_many_candidates_an_even_share_is_considered(
     fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fvs_engine.plan.considered._MOST_PRODUCTS", 8 * 5)
+    monkeypatch.setattr("fvs_engine.plan.plan._MOST_PRODUCTS", 8 * 5)
     run = fvs("plan", first_run[0], "--views", 2, "--out", tmp_path / "plan", "--json")
     assert "considers 5 of the" in run.stderr
     assert len(run.document["plan"]["terms"]) == 5

@@ -9,7 +9,7 @@ from far_views import FAR, FIRST, bonsai, farthest, fox, grow, shares_off
 
 from fvs_engine.geometry import matrix_from_quaternion, quaternion_from_matrix
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.dataset_priors import dataset_priors
+from fvs_engine.scene.pose_source import dataset_priors
 from fvs_engine.scene.settings import PriorNoise
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 

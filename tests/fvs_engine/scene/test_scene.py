@@ -10,7 +10,7 @@ from same_scenes import assert_same, assert_same_scenes
 from fvs_engine.errors import Cancelled, InvalidInputError, StorageError
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.growing_scene import GrowingScene
+from fvs_engine.scene.scene import Scene
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.splat.metrics import psnr
@@ -20,7 +20,7 @@ Settings = Callable[..., SceneSettings]
 FIRST = ("4.png", "0.png", "2.png", "6.png")
 
 
-def quality_db(scene: GrowingScene, model: SceneModel, names: Sequence[str]) -> float:
+def quality_db(scene: Scene, model: SceneModel, names: Sequence[str]) -> float:
     results = []
     with torch.no_grad():
         for view in scene.localise(names, Monitor()).values():
@@ -29,7 +29,7 @@ def quality_db(scene: GrowingScene, model: SceneModel, names: Sequence[str]) -> 
     return float(np.mean(results))
 
 
-def starts(scene: GrowingScene) -> np.ndarray:
+def starts(scene: Scene) -> np.ndarray:
     """Where the Gaussians of the scene's model start."""
     trainer = scene._models.initial_trainer("full", 100, 0)
     return trainer.gaussians.means.detach().numpy()
@@ -38,8 +38,8 @@ def starts(scene: GrowingScene) -> np.ndarray:
 def test_a_model_depends_on_its_views_and_not_on_how_they_came(
     tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
 ) -> None:
-    def opened(name: str) -> GrowingScene:
-        return GrowingScene.open(tmp_path / name, ball, quick_settings(), cpu, Monitor())
+    def opened(name: str) -> Scene:
+        return Scene.open(tmp_path / name, ball, quick_settings(), cpu, Monitor())
 
     grown, anew = opened("grown"), opened("anew")
     for names in (("9.png", "0.png"), ("5.png",), ("1.png", "7.png")):
@@ -57,7 +57,7 @@ def test_more_views_teach_more_than_as_many_iterations_on_fewer(
     tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
 ) -> None:
     settings = quick_settings(initial_iterations=140)
-    scene = GrowingScene.open(tmp_path / "scene", ball, settings, cpu, Monitor())
+    scene = Scene.open(tmp_path / "scene", ball, settings, cpu, Monitor())
     first = ("9.png", "0.png", "1.png", "2.png")
     assert scene.add(first, Monitor()).registered == first
     blind = scene.train("full", Monitor())
@@ -71,7 +71,7 @@ def test_the_full_model_has_the_iterations_of_its_views_and_the_quick_one_a_shar
     tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
 ) -> None:
     settings = quick_settings(initial_iterations=40, iterations_per_view=10, quick_share=0.25)
-    scene = GrowingScene.open(tmp_path / "scene", ball, settings, cpu, Monitor())
+    scene = Scene.open(tmp_path / "scene", ball, settings, cpu, Monitor())
     stages: set[str] = set()
     monitor = Monitor(lambda progress: stages.add(progress.stage))
     for count, quick, full in ((2, 10, 40), (4, 10, 40), (6, 15, 60)):
@@ -86,7 +86,7 @@ def test_the_full_model_has_the_iterations_of_its_views_and_the_quick_one_a_shar
 def test_only_what_visited_views_saw_becomes_a_gaussian(
     tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
 ) -> None:
-    scene = GrowingScene.open(tmp_path / "scene", ball, quick_settings(), cpu, Monitor())
+    scene = Scene.open(tmp_path / "scene", ball, quick_settings(), cpu, Monitor())
     visited = ["9.png", "0.png", "1.png", "2.png"]
     scene.add(visited, Monitor())
     centres = np.stack([ball.by_name[name].centre for name in visited])
@@ -104,10 +104,10 @@ def test_only_what_visited_views_saw_becomes_a_gaussian(
 def test_a_killed_scene_comes_to_the_same_end(
     tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer, stop: str
 ) -> None:
-    def opened(folder: str) -> GrowingScene:
-        return GrowingScene.open(tmp_path / folder, ball, quick_settings(), cpu, Monitor())
+    def opened(folder: str) -> Scene:
+        return Scene.open(tmp_path / folder, ball, quick_settings(), cpu, Monitor())
 
-    def go_on(scene: GrowingScene) -> SceneModel:
+    def go_on(scene: Scene) -> SceneModel:
         for names in (FIRST, ("8.png",), ("1.png", "3.png")):
             scene.add(names, Monitor())
             quick = scene.train("quick", Monitor())
@@ -150,7 +150,7 @@ def test_nothing_is_done_twice(
     def busy(progress: Progress) -> None:
         raise AssertionError(progress)
 
-    scene = GrowingScene.open(tmp_path / "scene", ball, quick_settings(), cpu, Monitor())
+    scene = Scene.open(tmp_path / "scene", ball, quick_settings(), cpu, Monitor())
     scene.add(FIRST, Monitor())
     assert not scene.is_trained("full")
     model = scene.train("full", Monitor())
@@ -158,7 +158,7 @@ def test_nothing_is_done_twice(
     assert (again.registered, again.moved) == ((), 0)
     assert scene.is_trained("full")
     assert scene.train("full", Monitor(busy)) is model
-    resumed = GrowingScene.open(tmp_path / "scene", ball, quick_settings(), cpu, Monitor())
+    resumed = Scene.open(tmp_path / "scene", ball, quick_settings(), cpu, Monitor())
     assert resumed.is_trained("full")
     assert not resumed.is_trained("quick")
     assert_same(resumed.train("full", Monitor(busy)), model)
@@ -168,7 +168,7 @@ def test_views_that_share_no_point_start_from_guesses_in_front_of_them(
     tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
 ) -> None:
     settings = quick_settings(initial_iterations=60)
-    scene = GrowingScene.open(tmp_path / "scene", ball, settings, cpu, Monitor())
+    scene = Scene.open(tmp_path / "scene", ball, settings, cpu, Monitor())
     update = scene.add(["0.png", "5.png"], Monitor())
     assert "share only" in update.warnings[0]
     means = starts(scene)
@@ -189,7 +189,7 @@ def test_the_cap_on_gaussians_binds_the_start_too(
     tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
 ) -> None:
     capped = quick_settings().training.model_copy(update={"max_gaussians": 120})
-    scene = GrowingScene.open(tmp_path / "scene", ball, quick_settings(training=capped), cpu, Monitor())
+    scene = Scene.open(tmp_path / "scene", ball, quick_settings(training=capped), cpu, Monitor())
     scene.add(["0.png", "1.png", "2.png", "9.png", "5.png", "6.png"], Monitor())
     assert len(starts(scene)) == 120
 
@@ -197,21 +197,21 @@ def test_the_cap_on_gaussians_binds_the_start_too(
 def test_a_folder_belongs_to_one_dataset_and_its_settings(
     tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
 ) -> None:
-    GrowingScene.open(tmp_path / "scene", ball, quick_settings(), cpu, Monitor())
+    Scene.open(tmp_path / "scene", ball, quick_settings(), cpu, Monitor())
     with pytest.raises(InvalidInputError, match=r"another scene: seed was \d+ and is \d+"):
-        GrowingScene.open(tmp_path / "scene", ball, quick_settings(seed=1), cpu, Monitor())
+        Scene.open(tmp_path / "scene", ball, quick_settings(seed=1), cpu, Monitor())
     fewer = replace(ball, views=ball.views[1:])
     with pytest.raises(InvalidInputError, match="another dataset"):
-        GrowingScene.open(tmp_path / "scene", fewer, quick_settings(), cpu, Monitor())
+        Scene.open(tmp_path / "scene", fewer, quick_settings(), cpu, Monitor())
     (tmp_path / "scene" / "scene.json").write_text("{")
     with pytest.raises(StorageError, match=r"scene\.json"):
-        GrowingScene.open(tmp_path / "scene", ball, quick_settings(), cpu, Monitor())
+        Scene.open(tmp_path / "scene", ball, quick_settings(), cpu, Monitor())
 
 
 def test_names_that_the_dataset_has_not_change_nothing(
     tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
 ) -> None:
-    scene = GrowingScene.open(tmp_path / "scene", ball, quick_settings(), cpu, Monitor())
+    scene = Scene.open(tmp_path / "scene", ball, quick_settings(), cpu, Monitor())
     with pytest.raises(InvalidInputError, match=r"no view 11\.png"):
         scene.add(["0.png", "11.png"], Monitor())
     assert scene.visited == ()

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.scene.dataset_folder import open_dataset
+from fvs_engine.scene.dataset import open_dataset
 
 
 @pytest.fixture

@@ -3,7 +3,7 @@
 import time
 from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 import numpy as np
@@ -11,15 +11,13 @@ import numpy as np
 from fvs_engine.errors import InvalidInputError, TrainingError
 from fvs_engine.geometry import Camera, PinholeCamera
 from fvs_engine.monitor import Monitor
-from fvs_engine.scene.colored_points import colored
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.models import SceneModels
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.pose_source import PoseSource, open_pose_source
 from fvs_engine.scene.scene_files import SceneFiles, SceneState
 from fvs_engine.scene.scene_model import SceneModel
-from fvs_engine.scene.scene_update import SceneUpdate
-from fvs_engine.scene.seeding import MIN_POINTS
+from fvs_engine.scene.seeding import MIN_POINTS, colored
 from fvs_engine.scene.settings import ModelQuality, SceneSettings
 from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.pose_priors import PosePriors
@@ -30,7 +28,23 @@ from fvs_engine.views import AnyView
 from fvs_schema.stages import Stage
 
 
-class GrowingScene:
+@dataclass(frozen=True)
+class SceneUpdate:
+    """The result of one ``add``.
+
+    ``registered``: images that have a pose now and had none before; ``unregistered``: all visited images
+    without one; ``moved``: number of views whose camera or pose changed; ``seconds``: for the poses, and for
+    loading the images.
+    """
+
+    registered: tuple[str, ...]
+    unregistered: tuple[str, ...]
+    moved: int
+    warnings: tuple[str, ...]
+    seconds: Mapping[str, float]
+
+
+class Scene:
     """A dataset's growing scene in a folder of its own; a complete state survives a kill at any moment.
 
     A model depends on the registered views, their sparse points and the settings alone: neither on the order
@@ -71,7 +85,7 @@ class GrowingScene:
     @classmethod
     def open(
         cls, folder: Path, dataset: Dataset, settings: SceneSettings, rasterizer: Rasterizer, monitor: Monitor
-    ) -> "GrowingScene":
+    ) -> "Scene":
         """Create a scene in ``folder``, or resume the one in it.
 
         Views whose photograph was deleted from an ``arriving`` dataset are not resumed; they stay in
@@ -299,13 +313,12 @@ class GrowingScene:
             return
         state, starts = saved
         self._visited, self._generation = state.visited, state.generation
-        posed, views = {}, []
-        for done, view in enumerate(state.views, start=1):
-            monitor.check()
-            if not self.dataset.arriving or (self.dataset.image_dir / view.name).is_file():
-                views.append(self._photographs.load(view.name, view.camera, view.camera_from_model))
-                posed[view.name] = view
-            monitor.report(Stage.LOAD, done, len(state.views))
+        posed = {
+            view.name: view
+            for view in state.views
+            if not self.dataset.arriving or (self.dataset.image_dir / view.name).is_file()
+        }
+        views = self._photographs.load_all(tuple(posed.values()), monitor)
         shared = len(starts) - state.two_view_points
         self._set(posed, views, PointCloud(starts.xyz[:shared], starts.colors[:shared]), starts)
 

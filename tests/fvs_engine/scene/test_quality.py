@@ -1,14 +1,13 @@
 from dataclasses import replace
-from typing import Any
 
 import numpy as np
 import pytest
 import torch
-from fvs_service.host.runner.quality import measure, spread
-from fvs_service.host.runner.scene_jobs import _split
 
 from fvs_engine.geometry import PinholeCamera, look_at
 from fvs_engine.monitor import Monitor
+from fvs_engine.scene.quality import evenly_spaced, measure
+from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_engine.splat.views import TrainingView
@@ -43,31 +42,24 @@ def _views(gaussians: Gaussians, rasterizer: Rasterizer, count: int) -> list[Tra
     return views
 
 
+def _model(gaussians: Gaussians) -> SceneModel:
+    return SceneModel(gaussians=gaussians, sh_degree=0, iterations=0)
+
+
 def test_a_model_renders_its_own_images_best(blob: Gaussians, rasterizer: Rasterizer) -> None:
     views = _views(blob, rasterizer, 3)
-    own = measure(blob, 0, views, rasterizer, Monitor())
+    own = measure(_model(blob), views, rasterizer, Monitor())
     assert own is not None
     assert own.psnr_db > 50
     assert own.ssim > 0.99
-    other = measure(replace(blob, sh_dc=-blob.sh_dc), 0, views, rasterizer, Monitor())
+    other = measure(_model(replace(blob, sh_dc=-blob.sh_dc)), views, rasterizer, Monitor())
     assert other is not None
     assert other.psnr_db < 30
     assert other.ssim < own.ssim
-    assert measure(blob, 0, [], rasterizer, Monitor()) is None
+    assert measure(_model(blob), [], rasterizer, Monitor()) is None
 
 
 def test_views_are_measured_all_over(blob: Gaussians, rasterizer: Rasterizer) -> None:
     views = _views(blob, rasterizer, 9)
-    assert [view.name for view in spread(views, 3)] == ["0.png", "4.png", "8.png"]
-    assert spread(views, 9) == views
-
-
-@pytest.mark.parametrize(("every", "tested"), [(None, []), (4, ["0.png", "4.png"]), (9, [])])
-def test_held_out_views_are_not_trained_on(
-    blob: Gaussians, rasterizer: Rasterizer, every: Any, tested: list[str]
-) -> None:
-    views = _views(blob, rasterizer, 6)
-    trained, held_out = _split(views, every)
-    assert [view.name for view in held_out] == tested
-    assert {view.name for view in trained} | set(tested) == {view.name for view in views}
-    assert len(trained) + len(tested) == 6
+    assert [view.name for view in evenly_spaced(views, 3)] == ["0.png", "4.png", "8.png"]
+    assert evenly_spaced(views, 9) == views
