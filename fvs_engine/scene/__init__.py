@@ -1,4 +1,4 @@
-"""Growing scenes: a dataset's images, the views visited so far, and the Gaussians trained on them."""
+"""Scenes: a dataset's images, the views visited so far, and the Gaussians trained on them."""
 
 from fvs_engine.scene.dataset import Dataset, read_dataset
 from fvs_engine.scene.scene import Scene, SceneUpdate

@@ -1,7 +1,8 @@
-"""The two models of a growing scene: trained on its present views, kept in its folder."""
+"""The two models of a scene: trained on its present views, kept in its folder."""
 
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -9,6 +10,7 @@ from pydantic import ValidationError
 
 from fvs_engine.errors import StorageError
 from fvs_engine.monitor import Monitor
+from fvs_engine.plan.familiarity import Observations
 from fvs_engine.records import Record
 from fvs_engine.scene.scene_files import SceneFiles
 from fvs_engine.scene.scene_model import SceneModel
@@ -42,10 +44,17 @@ class _Owner(Record):
 class SceneModels:
     """The models of the present views. Training repeated after a kill gives the same bits."""
 
-    def __init__(self, files: SceneFiles, settings: SceneSettings, rasterizer: Rasterizer) -> None:
+    def __init__(
+        self,
+        files: SceneFiles,
+        settings: SceneSettings,
+        rasterizer: Rasterizer,
+        read_observations: Callable[[], Observations | None],
+    ) -> None:
         self._files = files
         self._settings = settings
         self._rasterizer = rasterizer
+        self._read_observations = read_observations
         self._views: tuple[TrainingView, ...] = ()
         self._points = PointCloud.empty()
         self._digest = ""  # of what a model depends on, beside the settings
@@ -77,7 +86,9 @@ class SceneModels:
                 model = SceneModel.read(self._files.model(quality), self._rasterizer.device)
             else:
                 model = self._train(quality, monitor)
-            self._trained[quality] = model
+            self._trained[quality] = replace(
+                model, views=self._poses, read_observations=self._read_observations
+            )
         return self._trained[quality]
 
     def train_again(self, seed: int, monitor: Monitor) -> SceneModel:
@@ -86,6 +97,11 @@ class SceneModels:
         trainer = self.initial_trainer("full", iterations, seed)
         trainer.train(iterations, monitor, STAGES["full"])
         return SceneModel.of(trainer)
+
+    @property
+    def _poses(self) -> tuple[PinholeView, ...]:
+        """The views without their images."""
+        return tuple(View(view.name, view.camera, view.camera_from_model) for view in self._views)
 
     def initial_trainer(self, quality: ModelQuality, iterations: int, seed: int) -> Trainer:
         """The trainer of a new model, with Gaussians on the sparse points."""
@@ -98,7 +114,7 @@ class SceneModels:
         owner = _Owner(
             digest=self._digest,
             quality=quality,
-            views=tuple(View(view.name, view.camera, view.camera_from_model) for view in self._views),
+            views=self._poses,
         )
         trainer, iterations = self._trainer(owner)
 

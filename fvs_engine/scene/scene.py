@@ -1,4 +1,4 @@
-"""A growing scene: images are registered as they arrive, and the models are retrained on all of them."""
+"""A scene: images are registered as they arrive, and the models are retrained on all of them."""
 
 import time
 from collections import Counter
@@ -11,6 +11,7 @@ import numpy as np
 from fvs_engine.errors import InvalidInputError, TrainingError
 from fvs_engine.geometry import Camera, PinholeCamera
 from fvs_engine.monitor import Monitor
+from fvs_engine.plan.familiarity import Observations
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.models import SceneModels
 from fvs_engine.scene.photographs import Photographs
@@ -19,6 +20,7 @@ from fvs_engine.scene.scene_files import SceneFiles, SceneState
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.scene.seeding import MIN_POINTS, colored
 from fvs_engine.scene.settings import ModelQuality, SceneSettings
+from fvs_engine.scene.sparse_points import read_observations
 from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import PointCloud
@@ -45,7 +47,7 @@ class SceneUpdate:
 
 
 class Scene:
-    """A dataset's growing scene in a folder of its own; a complete state survives a kill at any moment.
+    """A dataset's scene in a folder of its own; a complete state survives a kill at any moment.
 
     A model depends on the registered views, their sparse points and the settings alone: neither on the order
     in which images were added nor on earlier models. ``add`` changes the views; ``train`` makes a model of
@@ -77,7 +79,7 @@ class Scene:
         self._posed: dict[str, AnyView] = {}  # by name, in the order of names, with distortion
         self._views: tuple[TrainingView, ...] = ()  # in the same order
         self._points = self._starts = PointCloud.empty()
-        self._models = SceneModels(files, settings, rasterizer)
+        self._models = SceneModels(files, settings, rasterizer, self._observations)
         self._usual_cameras: dict[tuple[int, int], Camera] = {}  # of the registered views, by image size
         self._generation = 0
         self._dirty = False
@@ -142,6 +144,10 @@ class Scene:
     def model_dir(self) -> Path | None:
         """The folder of the COLMAP model with the current poses; None when the source has none."""
         return self._source.model_dir
+
+    def _observations(self) -> Observations | None:
+        """The sparse points and who saw them; None where poses are known."""
+        return None if self.model_dir is None else read_observations(self.model_dir)
 
     def add(
         self,

@@ -1,4 +1,4 @@
-"""The files in a growing scene's folder.
+"""The files in a scene's folder.
 
 scene.json           identity: dataset and settings
 state.safetensors    what the models depend on: visits, views and their sparse points

@@ -1,4 +1,4 @@
-"""Settings of a growing scene."""
+"""Settings of a scene."""
 
 from typing import Literal
 

@@ -1,15 +1,40 @@
-"""Views of a dataset as candidates in the model frame, and the PSNR of a registered view."""
+"""Views of a dataset in the frame of a scene's model."""
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Iterable, Mapping
 
+from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera, SimilarityTransform
+from fvs_engine.geometry.alignment.dataset import DatasetAlignment, align_dataset, same_frame
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.scene import Scene
-from fvs_engine.scene.scene_model import SceneModel
-from fvs_engine.splat.metrics import psnr
-from fvs_engine.splat.render import render_color
 from fvs_engine.views import PinholeView
+
+_ALIGNMENT_HINT = (
+    "Check that the poses belong to these photographs and which axes they use; `--poses known` takes them as "
+    "they are."
+)
+
+
+def align(scene: Scene) -> DatasetAlignment:
+    """Align the scene's dataset with its model; raises ``InvalidInputError`` when they disagree."""
+    if scene.settings.poses == "known":
+        return same_frame(len(scene.views))
+    try:
+        return align_dataset(
+            [scene.dataset.by_name[view.name].camera_from_model.inverse() for view in scene.views],
+            [view.camera_from_model.inverse() for view in scene.views],
+        )
+    except InvalidInputError as error:
+        raise InvalidInputError(error.message, hint=_ALIGNMENT_HINT) from error
+
+
+def expected_views(
+    scene: Scene, names: Iterable[str], alignment: DatasetAlignment
+) -> tuple[PinholeView, ...]:
+    """The views of the scene's dataset in the model frame, as they are expected to be registered."""
+    cameras = {name: scene.expected_camera(name) for name in names}
+    return comparable_views(scene.dataset, cameras, alignment.model_from_world)
 
 
 def comparable_views(
@@ -32,12 +57,3 @@ def comparable_views(
         comparable = camera if (camera.width, camera.height) == size else usual
         candidates.append(PinholeView(name, comparable, model_from_camera.inverse()))
     return tuple(candidates)
-
-
-def psnr_of(scene: Scene, model: SceneModel, name: str) -> float | None:
-    """The PSNR of a registered view's photograph, rendered by ``model``; None where it is unregistered."""
-    for view in scene.views:
-        if view.name == name:
-            render = render_color(model.gaussians, view, scene.rasterizer, sh_degree=model.sh_degree)
-            return psnr(render, view.image / 255.0)
-    return None

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError, ReconstructionError
-from fvs_engine.geometry.alignment.dataset import DatasetAlignment, align_dataset, same_frame
+from fvs_engine.geometry.alignment.dataset import DatasetAlignment
 from fvs_engine.hold_out import hold_out
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import path_length
@@ -20,9 +20,8 @@ from fvs_engine.plan.reach import Reach, default_radius
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.scene.scene import Scene
 from fvs_engine.scene.scene_model import SceneModel
-from fvs_engine.scene.sparse_points import read_observations
 from fvs_engine.score.selectors.interface import SelectionContext, Selector, select
-from fvs_engine.select.candidate_views import comparable_views, psnr_of
+from fvs_engine.select.candidate_views import align, expected_views
 from fvs_engine.select.initial_views import initial_views
 from fvs_engine.select.loop_folder import LoopFolder, SelectionManifest, fingerprint
 from fvs_engine.select.loop_records import (
@@ -44,6 +43,7 @@ from fvs_engine.select.stopping import (
     too_far,
 )
 from fvs_engine.select.vehicles import Vehicle, Vehicles
+from fvs_engine.splat.metrics import psnr
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
 from fvs_schema.stages import Stage
@@ -59,14 +59,11 @@ __all__ = [
 ]
 
 
-_ALIGNMENT_HINT = (
-    "Check that the poses belong to these photographs and which axes they use; `--poses known` takes them as "
-    "they are."
-)
-
-
 class SelectionLoop:
     """A selection of views of one dataset; on disk after every step, and resumed by opening it again.
+
+    ``begin`` visits the initial views and trains on them. Each ``step`` ranks the views in reach by the quick
+    model (``choose``), visits the first one, and trains on all visited ones.
 
     Positions and distances are camera centres in the dataset's frame; candidates are rendered in the
     model's, by ``DatasetAlignment``. Held-out views are never visited and never candidates. Models are
@@ -90,7 +87,7 @@ class SelectionLoop:
         self.dataset = dataset
         self.settings = settings
         self.scene = scene
-        """The growing scene of the visited views."""
+        """The scene of the visited views."""
         self.reach = reach
         self.initial = manifest.initial
         """The initial views, in the order of their visit."""
@@ -155,45 +152,6 @@ class SelectionLoop:
         scene = Scene.open(place.scene, dataset, settings.scene, rasterizer, monitor)
         return cls(place, manifest, dataset, scene, settings, selector, reach)
 
-    @property
-    def records(self) -> tuple[StepRecord, ...]:
-        """The steps so far."""
-        return tuple(self._records)
-
-    @property
-    def visited(self) -> tuple[str, ...]:
-        """The initial and the chosen views, in the order of their visit."""
-        return self.initial + tuple(record.chosen for record in self._records)
-
-    @property
-    def unvisited(self) -> tuple[str, ...]:
-        """The views that may still be visited, in order of capture."""
-        visited = set(self.visited)
-        return tuple(name for name in self.pool if name not in visited)
-
-    @property
-    def travel(self) -> float:
-        """The length of the path through the visited views, of all vehicles, in the dataset's unit."""
-        initial = path_length([self._centres[name] for name in self.initial])
-        return initial + sum(record.choice.distance for record in self._records)
-
-    @property
-    def vehicles(self) -> Vehicles:
-        """Where the vehicles are, and how far each has flown since the initial views."""
-        settings, choices = self.settings, [record.choice for record in self._records]
-        return Vehicles(settings.vehicles, self.initial[-1], settings.max_travel, choices)
-
-    @property
-    def in_reach(self) -> dict[str, float]:
-        """The unvisited views in reach of the vehicle whose turn is next, with their distances."""
-        (vehicle, *_) = self.vehicles.in_turn
-        return self.reach.distances(self._centres[vehicle.at], self._unvisited_centres())
-
-    @property
-    def model(self) -> SceneModel:
-        """The quick model of the registered views, by which views are ranked; ``begin`` trains it."""
-        return self.scene.train("quick", Monitor())
-
     def begin(self, monitor: Monitor) -> tuple[str, ...]:
         """Train on the initial views, or on what a resumed selection had visited; return warnings, once.
 
@@ -244,61 +202,6 @@ class SelectionLoop:
             self._folder.write_step(self._pending, None)
         return self._pending
 
-    def expected(self) -> Expectation:
-        """The quality to expect of all views that may be visited, rendered by the quick model."""
-        targets = self.context(self.unvisited, self.align()).planning
-        return Expectations(self._seen).at(targets.variance.variance)
-
-    def align(self) -> DatasetAlignment:
-        """Align the dataset with the model; raises ``InvalidInputError`` when they contradict each other."""
-        if self.settings.scene.poses == "known":
-            return same_frame(len(self.scene.views))
-        names = [view.name for view in self.scene.views]
-        try:
-            return align_dataset(
-                [self.dataset.by_name[name].camera_from_model.inverse() for name in names],
-                [view.camera_from_model.inverse() for view in self.scene.views],
-            )
-        except InvalidInputError as error:
-            raise InvalidInputError(error.message, hint=_ALIGNMENT_HINT) from error
-
-    def context(
-        self, candidates: Iterable[str], alignment: DatasetAlignment, vehicle: Vehicle | None = None
-    ) -> SelectionContext:
-        """The input of a selector now, for ``candidates`` (names of views of the dataset).
-
-        ``vehicle``: the one that flies next (None: the one whose turn it is).
-        Unregistered visited views get their pose from the alignment: they were visited, and a method that
-        spreads views must not choose them again.
-        """
-        registered: dict[str, PinholeView] = {view.name: view for view in self.scene.views}
-        model_dir = self.scene.model_dir
-        visited = tuple(registered.get(view.name, view) for view in self._candidates(self.visited, alignment))
-        vehicles, centres = self.vehicles, {view.name: view.centre for view in visited}
-        vehicle = vehicle or (*vehicles.in_turn, *vehicles.all)[0]
-        scale = alignment.model_from_world.scale
-        return SelectionContext(
-            gaussians=self.model.gaussians,
-            rasterizer=self.scene.rasterizer,
-            sh_degree=self.model.sh_degree,
-            visited=visited,
-            candidates=self._candidates(candidates, alignment),
-            order={name: index for index, name in enumerate(self.pool)},
-            budget=self.settings.budget,
-            seed=self.settings.seed,
-            step=len(self._records),
-            later=self._candidates(self.unvisited, alignment),
-            reach=self.reach.scaled(scale),
-            observations=read_observations(model_dir) if model_dir is not None else None,
-            here=centres[vehicle.at],
-            fleet=vehicles.fleet(vehicle, centres, scale),
-        )
-
-    def _candidates(self, names: Iterable[str], alignment: DatasetAlignment) -> tuple[PinholeView, ...]:
-        """Views of the dataset in the model frame."""
-        cameras = {name: self.scene.expected_camera(name) for name in names}
-        return comparable_views(self.dataset, cameras, alignment.model_from_world)
-
     def _next(self, monitor: Monitor) -> Choice | StopReason:
         """The choice of the first vehicle that has a candidate within its limit."""
         outcome: Choice | StopReason | None = budget_spent(len(self.visited), self.settings.budget)
@@ -319,15 +222,12 @@ class SelectionLoop:
         assert outcome is not None
         return outcome
 
-    def _unvisited_centres(self) -> Mapping[str, NDArray[np.float64]]:
-        return {name: self._centres[name] for name in self.unvisited}
-
     def _choose(
         self, vehicle: Vehicle, left: float, landed: Sequence[int], monitor: Monitor
     ) -> Choice | StopReason:
         began = time.monotonic()
         distances = self.reach.distances(self._centres[vehicle.at], self._unvisited_centres())
-        alignment = self.align()
+        alignment = align(self.scene)
         context = self.context(distances, alignment, vehicle)
         targets = context.planning
         near = tuple(name for name, distance in distances.items() if distance <= left)
@@ -361,18 +261,12 @@ class SelectionLoop:
             landed=tuple(landed),
         )
 
-    @property
-    def _seen(self) -> list[Seen]:
-        """The photographs of all steps, as the models before them rendered them."""
-        choices = (record.choice for record in self._records)
-        return [Seen(c.variance, c.before_db) for c in choices if c.before_db is not None]
-
     def _visit(self, choice: Choice, monitor: Monitor) -> StepRecord:
         before = None if choice.before_db is not None else self.model
         warnings, add_s = self._add([choice.chosen], monitor)
         if before is not None:
             # Written before the model is trained on it: afterwards it cannot be measured again.
-            choice = choice.model_copy(update={"before_db": psnr_of(self.scene, before, choice.chosen)})
+            choice = choice.model_copy(update={"before_db": self._psnr_db(before, choice.chosen)})
             self._folder.write_step(choice, None)
         train_s = self._train(monitor)
         return StepRecord(
@@ -385,6 +279,13 @@ class SelectionLoop:
             warnings=warnings,
             seconds=StepSeconds(score=choice.seconds, add=add_s, train=train_s),
         )
+
+    def _psnr_db(self, model: SceneModel, name: str) -> float | None:
+        """The PSNR of a view's photograph, rendered by ``model``; None where it is unregistered."""
+        for view in self.scene.views:
+            if view.name == name:
+                return psnr(model.render(view, self.scene.rasterizer), view.image / 255.0)
+        return None
 
     def _add(self, names: Iterable[str], monitor: Monitor) -> tuple[tuple[str, ...], float]:
         """Add views; returns warnings and seconds."""
@@ -403,3 +304,89 @@ class SelectionLoop:
         began = time.monotonic()
         self.scene.train("quick", monitor)
         return time.monotonic() - began
+
+    @property
+    def records(self) -> tuple[StepRecord, ...]:
+        """The steps so far."""
+        return tuple(self._records)
+
+    @property
+    def visited(self) -> tuple[str, ...]:
+        """The initial and the chosen views, in the order of their visit."""
+        return self.initial + tuple(record.chosen for record in self._records)
+
+    @property
+    def unvisited(self) -> tuple[str, ...]:
+        """The views that may still be visited, in order of capture."""
+        visited = set(self.visited)
+        return tuple(name for name in self.pool if name not in visited)
+
+    @property
+    def travel(self) -> float:
+        """The length of the path through the visited views, of all vehicles, in the dataset's unit."""
+        initial = path_length([self._centres[name] for name in self.initial])
+        return initial + sum(record.choice.distance for record in self._records)
+
+    @property
+    def vehicles(self) -> Vehicles:
+        """Where the vehicles are, and how far each has flown since the initial views."""
+        settings, choices = self.settings, [record.choice for record in self._records]
+        return Vehicles(settings.vehicles, self.initial[-1], settings.max_travel, choices)
+
+    @property
+    def in_reach(self) -> dict[str, float]:
+        """The unvisited views in reach of the vehicle whose turn is next, with their distances."""
+        (vehicle, *_) = self.vehicles.in_turn
+        return self.reach.distances(self._centres[vehicle.at], self._unvisited_centres())
+
+    @property
+    def model(self) -> SceneModel:
+        """The quick model of the registered views, by which views are ranked; ``begin`` trains it."""
+        return self.scene.train("quick", Monitor())
+
+    def context(
+        self, candidates: Iterable[str], alignment: DatasetAlignment, vehicle: Vehicle | None = None
+    ) -> SelectionContext:
+        """The input of a selector now, for ``candidates`` (names of views of the dataset).
+
+        ``vehicle``: the one that flies next (None: the one whose turn it is).
+        Unregistered visited views get their pose from the alignment: they were visited, and a method that
+        spreads views must not choose them again.
+        """
+        model = self.model
+        registered: dict[str, PinholeView] = {view.name: view for view in self.scene.views}
+        expected = expected_views(self.scene, self.visited, alignment)
+        visited = tuple(registered.get(view.name, view) for view in expected)
+        vehicles, centres = self.vehicles, {view.name: view.centre for view in visited}
+        vehicle = vehicle or (*vehicles.in_turn, *vehicles.all)[0]
+        scale = alignment.model_from_world.scale
+        return SelectionContext(
+            gaussians=model.gaussians,
+            rasterizer=self.scene.rasterizer,
+            sh_degree=model.sh_degree,
+            visited=visited,
+            candidates=expected_views(self.scene, candidates, alignment),
+            order={name: index for index, name in enumerate(self.pool)},
+            budget=self.settings.budget,
+            seed=self.settings.seed,
+            step=len(self._records),
+            later=expected_views(self.scene, self.unvisited, alignment),
+            reach=self.reach.scaled(scale),
+            observations=model.observations,
+            here=centres[vehicle.at],
+            fleet=vehicles.fleet(vehicle, centres, scale),
+        )
+
+    def expected(self) -> Expectation:
+        """The quality to expect of all views that may be visited, rendered by the quick model."""
+        targets = self.context(self.unvisited, align(self.scene)).planning
+        return Expectations(self._seen).at(targets.variance.variance)
+
+    def _unvisited_centres(self) -> Mapping[str, NDArray[np.float64]]:
+        return {name: self._centres[name] for name in self.unvisited}
+
+    @property
+    def _seen(self) -> list[Seen]:
+        """The photographs of all steps, as the models before them rendered them."""
+        choices = (record.choice for record in self._records)
+        return [Seen(c.variance, c.before_db) for c in choices if c.before_db is not None]

@@ -2,7 +2,7 @@
 
 selection.json      settings, the dataset's fingerprint, the initial views, why it stopped
 steps/0001.json …   one file per step: first the choice, after training the complete record
-scene/              the growing scene
+scene/              the scene
 
 A choice is written before the model is trained on it: a resumed selection visits the same view and
 does not score with a model that may already be trained on part of it.
@@ -51,7 +51,7 @@ class LoopFolder:
 
     @property
     def scene(self) -> Path:
-        """The folder of the growing scene."""
+        """The folder of the scene."""
         return self.root / "scene"
 
     @property

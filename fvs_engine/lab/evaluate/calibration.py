@@ -11,6 +11,7 @@ from fvs_engine.lab.evaluate.held_out import aligned_views, psnr_at
 from fvs_engine.lab.evaluate.results import Calibration, RankCorrelation
 from fvs_engine.monitor import Monitor
 from fvs_engine.score import CandidateScore
+from fvs_engine.select.candidate_views import align
 from fvs_engine.select.loop import SelectionLoop
 from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_schema.stages import Stage
@@ -34,7 +35,7 @@ def calibrate(loop: SelectionLoop, methods: Sequence[str], monitor: Monitor) -> 
         for view in aligned_views(loop, names):
             monitor.check()
             psnr_db[view.name] = psnr_at(loop.model, view, scene.rasterizer)
-        context = loop.context(names, loop.align())
+        context = loop.context(names, align(scene))
         for done, method in enumerate(methods, start=1):
             scores = create_selector(method).score(context, monitor)
             found.append(rank_correlation(method, scores, psnr_db, in_reach))

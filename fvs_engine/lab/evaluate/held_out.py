@@ -3,16 +3,16 @@
 from collections.abc import Callable, Iterable, Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from fvs_engine.lab.evaluate.results import Evaluation, Repeat, ViewQuality
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.scene_model import SceneModel
+from fvs_engine.select.candidate_views import align
 from fvs_engine.select.loop import SelectionLoop
 from fvs_engine.splat.metrics import psnr, ssim
 from fvs_engine.splat.raster import Rasterizer
-from fvs_engine.splat.render import render_color
 from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.views import TrainingView
 from fvs_schema.stages import Stage
@@ -98,7 +98,7 @@ def aligned_views(loop: SelectionLoop, names: Sequence[str]) -> Iterable[Trainin
     """
     if not names:
         return
-    model_from_world = loop.align().model_from_world
+    model_from_world = align(loop.scene).model_from_world
     photographs = Photographs(loop.dataset.image_dir, loop.scene.settings.long_side_px)
     for name in names:
         view = loop.dataset.by_name[name]
@@ -106,20 +106,15 @@ def aligned_views(loop: SelectionLoop, names: Sequence[str]) -> Iterable[Trainin
         yield photographs.load(name, view.camera, model_from_camera.inverse())
 
 
-def rendered(model: SceneModel, view: TrainingView, rasterizer: Rasterizer) -> NDArray[np.float32]:
-    """The model rendered at a view, on black: [H, W, 3] in [0, 1]."""
-    return render_color(model.gaussians, view, rasterizer, sh_degree=model.sh_degree)
-
-
 def psnr_at(model: SceneModel, view: TrainingView, rasterizer: Rasterizer) -> float:
     """PSNR of the model's render of a view against its photograph."""
-    return psnr(rendered(model, view, rasterizer), view.image.astype(np.float32) / 255)
+    return psnr(model.render(view, rasterizer), view.image.astype(np.float32) / 255)
 
 
 def _quality(
     model: SceneModel, view: TrainingView, rasterizer: Rasterizer, lpips: Lpips | None
 ) -> ViewQuality:
-    render, photograph = rendered(model, view, rasterizer), view.image.astype(np.float32) / 255
+    render, photograph = model.render(view, rasterizer), view.image.astype(np.float32) / 255
     return ViewQuality(
         name=view.name,
         psnr_db=psnr(render, photograph),

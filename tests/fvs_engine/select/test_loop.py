@@ -22,6 +22,7 @@ from fvs_engine.geometry import angle_between
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset, open_dataset, read_dataset
 from fvs_engine.scene.settings import SceneSettings
+from fvs_engine.select.candidate_views import align
 from fvs_engine.select.loop import SelectionLoop, StepRecord, StopReason
 from fvs_engine.sfm.settings import FeatureSettings, SfmSettings
 from fvs_engine.splat.views import TrainingView
@@ -330,7 +331,7 @@ def test_photographs_register_and_candidates_land_in_the_model(
         return float(moved), float(np.degrees(angle_between(found.rotation, expected.rotation)))
 
     # The chosen photograph was registered by itself, a held-out one is placed by itself.
-    model_from_world = loop.align().model_from_world
+    model_from_world = align(loop.scene).model_from_world
     held_out = loop.scene.localise(loop.held_out_names, Monitor())
     assert "0000.jpg" in held_out
     for view in (loop.scene.views[-1], held_out["0000.jpg"]):

@@ -13,6 +13,7 @@ from fvs_engine.lab.evaluate.run import Setup
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.score import CandidateScore
+from fvs_engine.select.candidate_views import align
 from fvs_engine.select.loop import SelectionLoop
 from fvs_engine.splat.metrics import psnr
 from fvs_engine.splat.raster import create_rasterizer
@@ -98,7 +99,7 @@ def test_a_real_loop_is_asked_and_does_not_change(loop: SelectionLoop, ring: Dat
         truths.append(psnr(render.color.detach().clamp(0, 1).numpy(), photograph))
     assert found.visited == 3
     for entry in found.selectors:
-        said = create_selector(entry.method).score(loop.context(loop.unvisited, loop.align()))
+        said = create_selector(entry.method).score(loop.context(loop.unvisited, align(loop.scene)))
         expected = spearmanr([score.score for score in said], truths).statistic
         assert entry.all_candidates == pytest.approx(expected)
         assert (entry.candidates, entry.in_reach) == (len(truths), None)
