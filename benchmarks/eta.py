@@ -29,7 +29,6 @@ from fvs_client import Client, EventKind, Job, Scene
 from fvs_client.errors import JobFailedError
 from fvs_service.host.protocol.messages import StageProgress
 from fvs_service.host.worker.progress import RemainingTime
-from fvs_service.jobs.model import JobKind
 from fvs_service.jobs.stages import JobSize, stage_of_job
 from fvs_service.jobs.timing import JobTiming
 from fvs_service.serving.running import running_service
@@ -37,6 +36,7 @@ from measurement import report
 from PIL import Image
 
 from fvs_engine.images.pixels import reduced_size
+from fvs_schema.jobs import JobKind
 from fvs_schema.stages import Stage
 
 _PER_IMAGE = 25

@@ -20,7 +20,6 @@ from pathlib import Path
 
 import numpy as np
 from fvs_service.rankings.generators import generate
-from fvs_service.rankings.model import AroundCurrent, Dataset, Grid, Orbit
 from fvs_service.rankings.scene_geometry import SceneGeometry
 from PIL import Image, ImageDraw
 
@@ -36,6 +35,7 @@ from fvs_engine.scene.sparse_points import read_observations
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_engine.splat.render import to_pixels
 from fvs_engine.views import PinholeView
+from fvs_schema.candidates import AroundCurrent, Dataset, Grid, Orbit
 
 METHODS = ("median-frequency", "fisher", "kriging")
 FIRST = 10

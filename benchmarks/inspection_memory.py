@@ -16,8 +16,9 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 
 from fvs_service.images.inspection import inspect
-from fvs_service.settings import Limits
 from PIL import Image
+
+from fvs_schema.service import Limits
 
 Image.MAX_IMAGE_PIXELS = None
 _MIB = 1 << 20

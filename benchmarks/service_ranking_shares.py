@@ -33,7 +33,6 @@ from fvs_service.gateway.rpc import operations
 from fvs_service.host.worker.runners import LeasedRunners
 from fvs_service.logs import configure_logging
 from fvs_service.rankings import rpc as views
-from fvs_service.rankings.model import Ranking
 from fvs_service.rankings.service import Rankings
 from fvs_service.serving.gateway import run_gateway
 from fvs_service.serving.running import RunningService, running_service
@@ -41,6 +40,8 @@ from fvs_service.settings import Settings
 from fvs_service.storage.database import Database
 from measurement import report
 from service_ranking import TRANSPORTS, Rank, photographs_of_a_courtyard, scene_with_model
+
+from fvs_schema.rankings import Ranking
 
 _WARM_UP = 20
 _PATIENCE_S = 60.0

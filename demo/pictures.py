@@ -13,8 +13,9 @@ from numpy.typing import NDArray
 from PIL import Image
 from plyfile import PlyData, PlyElement
 
-from fvs_engine.candidates import CandidateStatus, RankedCandidate
+from fvs_engine.candidates import RankedCandidate
 from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet
+from fvs_schema.candidates import CandidateStatus
 
 Array = NDArray[np.float64]
 

@@ -77,8 +77,11 @@ def settings() -> str:
     from fvs_service.settings import Settings
 
     from fvs_schema.field_docstrings import field_docstrings
+    from fvs_schema.service import Limits
 
-    docstrings, schema = field_docstrings(Settings.__module__), Settings.model_json_schema()
+    modules = (Settings.__module__, Limits.__module__)
+    docstrings = {kind: fields for module in modules for kind, fields in field_docstrings(module).items()}
+    schema = Settings.model_json_schema()
     groups: dict[str, tuple[str, Json]] = {"FVS_": (Settings.__name__, {})}
     for name, field in schema["properties"].items():
         if "$ref" in field:

@@ -2,33 +2,9 @@
 
 import math
 from dataclasses import dataclass
-from enum import StrEnum
 
 from fvs_engine.errors import InvalidInputError
-
-
-class CandidateStatus(StrEnum):
-    """Whether a candidate has a rank and, if not, why."""
-
-    RANKED = "ranked"
-    VISITED = "visited"
-    """An image was taken from this pose already."""
-    TAKEN = "taken"
-    """Another vehicle flies there, or a photograph from there is on its way."""
-    OUT_OF_RANGE = "out-of-range"
-    """Farther from the current pose than the radius."""
-    OUT_OF_MODEL = "out-of-model"
-    """Nothing of the model is in view."""
-    LOW_COVERAGE = "low-coverage"
-    """The model fills so little of the view that the score describes mostly the empty background."""
-    IN_MATTER = "in-matter"
-    """The camera would be inside a solid part of the model."""
-    TOO_CLOSE = "too-close"
-    """Nearer to matter than the safety distance, or than any photograph was: it would see only blur."""
-    NO_FLY = "no-fly"
-    """In a no-fly zone."""
-    UNREGISTRABLE = "unregistrable"
-    """It shares so little with the images that its photograph could hardly be registered."""
+from fvs_schema.candidates import CandidateStatus
 
 
 @dataclass(frozen=True)

@@ -23,22 +23,6 @@ HoldOut = Literal["every", "random"]
 RankingMethod = Literal["median-frequency", "median-frequency-fast", "median-frequency-estimate"]
 """Scorers of ``fvs rank``, see ``fvs_engine.score``; all of them are selectors, too."""
 
-Method = Literal[
-    "median-frequency",
-    "median-frequency-fast",
-    "median-frequency-estimate",
-    "random",
-    "uniform",
-    "farthest",
-    "nearest",
-    "kriging",
-    "fisher",
-    "d-optimal",
-    "coverage",
-    "spectral-median",
-]
-"""Selectors, see ``fvs_engine.lab.baselines``."""
-
 ProtocolName = Literal["paper", "fisherrf", "nearest5", "travel"]
 """Protocols of a comparison, see ``fvs_engine.lab.evaluate.protocol``."""
 

@@ -4,9 +4,10 @@ from typing import TYPE_CHECKING, Annotated, get_args
 
 import typer
 
-from fvs_engine.choices import HoldOut, Method, ProtocolName
+from fvs_engine.choices import HoldOut, ProtocolName
 from fvs_engine.cli.option_groups import with_option_groups
 from fvs_engine.cli.options import MAX_SEED, MAX_VIEWS, DatasetOptions, LoopOptions, OutOption, RunOptions
+from fvs_schema.words import Method
 
 if TYPE_CHECKING:
     from fvs_engine.cli.jobs import Warn

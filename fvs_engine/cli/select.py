@@ -4,9 +4,10 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fvs_engine.choices import HoldOut, InitialChoice, Method, Quality
+from fvs_engine.choices import HoldOut, InitialChoice, Quality
 from fvs_engine.cli.option_groups import with_option_groups
 from fvs_engine.cli.options import MAX_SEED, MAX_VIEWS, DatasetOptions, LoopOptions, OutOption, RunOptions
+from fvs_schema.words import Method
 
 if TYPE_CHECKING:
     from fvs_engine.cli.jobs import Warn

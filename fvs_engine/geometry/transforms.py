@@ -14,11 +14,11 @@ from pydantic_core import CoreSchema, core_schema
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.validation import (
-    MAX_COORDINATE,
     finite_array,
     rotation_matrices,
     rotation_matrix,
 )
+from fvs_schema.quantities import MAX_COORDINATE
 
 Array = NDArray[np.float64]
 

@@ -8,14 +8,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from fvs_engine.errors import InvalidInputError
+from fvs_schema.quantities import MAX_COORDINATE
 
 ORTHONORMAL_TOLERANCE = 1e-4
 """Largest entry of |R Rᵀ − I| that still counts as rounding (files often hold float32)."""
 
 _FEW = 16
-
-MAX_COORDINATE = 1e10
-"""Longest translation, in any unit: squares of it, and of it in another unit, are float32 numbers."""
 
 MAX_POSITION = MAX_COORDINATE / 10
 """Largest coordinate of a given position: after any rotation it is below ``MAX_COORDINATE``."""

@@ -10,9 +10,10 @@ from pathlib import Path
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.folders import require_folder
 from fvs_engine.images.focal import focal_length_px
-from fvs_engine.images.limits import MIN_SIDE_PX, ImageLimits, UnusableImageError
+from fvs_engine.images.limits import ImageLimits, UnusableImageError
 from fvs_engine.images.pixels import decode
 from fvs_engine.monitor import Monitor
+from fvs_schema.quantities import MIN_SIDE_PX
 from fvs_schema.stages import Stage
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".jpe", ".mpo", ".png", ".tif", ".tiff", ".webp", ".bmp"})

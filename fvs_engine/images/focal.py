@@ -6,6 +6,8 @@ from typing import Any
 
 from PIL import Image
 
+from fvs_schema.quantities import PLAUSIBLE_SHARE
+
 _EXIF_IFD = 0x8769
 _FOCAL_LENGTH_MM = 0x920A
 _FOCAL_LENGTH_35MM = 0xA405
@@ -15,8 +17,6 @@ _PIXEL_DIMENSIONS = (0xA002, 0xA003)
 
 _UNIT_MM = {2: 25.4, 3: 10.0, 4: 1.0, 5: 0.001}
 _FULL_FRAME_DIAGONAL_MM = math.hypot(36.0, 24.0)
-PLAUSIBLE_SHARE = (0.1, 20.0)
-"""Focal lengths outside this range, in long sides of the image, are not used as a prior."""
 
 
 def focal_length_px(exif: Image.Exif, width_px: int, height_px: int) -> float | None:

@@ -8,11 +8,7 @@ from PIL import Image
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.records import Record
-
-MAX_PIXELS = 256_000_000
-MIN_SIDE_PX = 32
-MAX_SIDE_PX = 32_768
-MAX_ASPECT_RATIO = 20.0
+from fvs_schema.quantities import MAX_ASPECT_RATIO, MAX_PIXELS, MAX_SIDE_PX
 
 _STORED_BYTES = {"1": 1, "L": 1, "P": 1, "I;16": 2, "I;16L": 2, "I;16B": 2}
 """Bytes per pixel in Pillow's memory; all other modes take 4, RGB too."""

@@ -20,12 +20,12 @@ from PIL import Image, UnidentifiedImageError
 
 from fvs_engine.images.limits import (
     DEFAULT_LIMITS,
-    MAX_PIXELS,
     ImageLimits,
     TooLargeError,
     UnusableImageError,
     decoding_bytes,
 )
+from fvs_schema.quantities import MAX_PIXELS
 
 FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP")
 """MPO, which phones and 3D cameras write, opens as JPEG; its first image is the photograph."""

@@ -2,7 +2,7 @@
 
 from pydantic import ValidationError
 
-from fvs_engine.choices import HoldOut, InitialChoice, Method, Poses, Quality
+from fvs_engine.choices import HoldOut, InitialChoice, Poses, Quality
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.hold_out import hold_out
 from fvs_engine.pipeline.manifest import DEFAULT_LONG_SIDE_PX
@@ -12,6 +12,7 @@ from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings, prior_noise
 from fvs_engine.select.loop_settings import LoopSettings
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.splat.settings import PRESETS, TrainingSettings
+from fvs_schema.words import Method
 
 DEFAULT_BUDGET = 100
 """The paper's budget."""

@@ -3,7 +3,7 @@
 from collections import Counter
 from collections.abc import Iterable
 
-from fvs_engine.candidates import CandidateStatus
+from fvs_schema.candidates import CandidateStatus
 
 NEARER = "Give candidates nearer to the images: at most 15° from one to the next, as seen from the scene."
 """The remedy."""

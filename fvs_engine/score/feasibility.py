@@ -11,7 +11,7 @@ from functools import cached_property
 import numpy as np
 import torch
 
-from fvs_engine.candidates import CandidateStatus, RankedCandidate
+from fvs_engine.candidates import RankedCandidate
 from fvs_engine.compilation.ahead import ensure_compiled
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
@@ -22,6 +22,7 @@ from fvs_engine.score.estimate.nearness import Look, Nearness, nearest_photograp
 from fvs_engine.score.parallel import map_in_order
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.views import PinholeView
+from fvs_schema.candidates import CandidateStatus
 from fvs_schema.stages import Stage
 
 MOST_NEAR = 0.5

@@ -15,7 +15,7 @@ from numpy.typing import NDArray
 from scipy.special import ndtr
 from threadpoolctl import threadpool_limits
 
-from fvs_engine.candidates import CandidateScore, CandidateStatus
+from fvs_engine.candidates import CandidateScore
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.plan.distances import distances_between, spread, view_points
@@ -26,6 +26,7 @@ from fvs_engine.score.renderings import MIN_COVERAGE, check_min_coverage
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
+from fvs_schema.candidates import CandidateStatus
 from fvs_schema.stages import Stage
 
 FIRST = 10

@@ -4,8 +4,9 @@ import math
 from collections import Counter
 from collections.abc import Iterable, Mapping
 
-from fvs_engine.candidates import CandidateScore, CandidateStatus, RankedCandidate
+from fvs_engine.candidates import CandidateScore, RankedCandidate
 from fvs_engine.errors import InvalidInputError
+from fvs_schema.candidates import CandidateStatus
 
 _ORDER = (CandidateStatus.RANKED, CandidateStatus.LOW_COVERAGE, CandidateStatus.OUT_OF_MODEL)
 

@@ -8,13 +8,14 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
-from fvs_engine.candidates import CandidateScore, CandidateStatus
+from fvs_engine.candidates import CandidateScore
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.score.parallel import map_in_order
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
+from fvs_schema.candidates import CandidateStatus
 from fvs_schema.stages import Stage
 
 MIN_COVERAGE = 0.1

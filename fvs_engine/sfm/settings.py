@@ -7,8 +7,8 @@ from pydantic import Field, model_validator
 from fvs_engine.choices import CameraModel
 from fvs_engine.geometry.alignment.positions import MAX_MISPLACED_SHARE
 from fvs_engine.geometry.cameras import MAX_SIDE_PX, DistortedCamera
-from fvs_engine.images.focal import PLAUSIBLE_SHARE
 from fvs_engine.records import Record
+from fvs_schema.quantities import PLAUSIBLE_SHARE
 
 MapperName = Literal["incremental", "global"]
 """COLMAP's two mappers."""

@@ -11,6 +11,7 @@ from fvs_service.deletion.service import Deletions
 from fvs_service.errors import NotFoundError
 from fvs_service.images.exclusion import Exclusions
 from fvs_service.images.fair_turns import FairTurns
+from fvs_service.images.inspection import image_limits
 from fvs_service.images.inspector import Inspector
 from fvs_service.images.partial_uploads import PartialUploads
 from fvs_service.images.resumable_uploads import ResumableUploads
@@ -165,7 +166,7 @@ def open_application(
     limits = settings.limits
     with open_storage(settings, tracing) as storage:
         inspector = Inspector(
-            limits.of_images,
+            image_limits(limits),
             children=settings.inspectors,
             cpu_s=settings.inspection_s,
             memory_bytes=settings.inspection_bytes,

@@ -15,8 +15,8 @@ from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from fvs_service.errors import NotFoundError, UnauthenticatedError
-from fvs_service.model import now
 from fvs_service.principal import ALL_SCOPES, LOCAL_TENANT, LOCAL_USER, Principal, Scope
+from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database
 from fvs_service.storage.tables import ApiKeyRow, SceneRow
 

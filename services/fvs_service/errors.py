@@ -5,16 +5,9 @@ Services raise these errors; the transports turn them into problem documents (RF
 """
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from typing import ClassVar
 
-
-@dataclass(frozen=True)
-class FieldError:
-    """An invalid part of the input: its location (``candidates.3.id``) and the reason."""
-
-    field: str
-    message: str
+from fvs_schema.error_codes import ErrorCode, FieldError
 
 
 class ServiceError(Exception):
@@ -24,7 +17,7 @@ class ServiceError(Exception):
     ``usual_hint`` of its own or of its base.
     """
 
-    code: ClassVar[str] = "internal"
+    code: ClassVar[ErrorCode] = ErrorCode.INTERNAL
     title: ClassVar[str] = "Something went wrong in the service"
     status: ClassVar[int] = 500
     rpc_status: ClassVar[str] = "INTERNAL"
@@ -43,7 +36,7 @@ class ServiceError(Exception):
         usual_hint: str | None = None,
     ) -> None:
         super().__init_subclass__()
-        cls.code = cls.code if code is None else code
+        cls.code = cls.code if code is None else ErrorCode(code)
         cls.title = cls.title if title is None else title
         cls.status = cls.status if status is None else status
         cls.rpc_status = cls.rpc_status if rpc_status is None else rpc_status

@@ -11,8 +11,8 @@ from pydantic_settings import (
     SettingsConfigDict,
 )
 
-from fvs_engine.images.limits import MAX_ASPECT_RATIO, MAX_PIXELS, MAX_SIDE_PX, MIN_SIDE_PX, ImageLimits
 from fvs_engine.records import Record
+from fvs_schema.service import Limits
 from fvs_service.environment import PREFIX, FilesOfEnvironment, UnknownOfEnvironment
 from fvs_service.host_names import host_of, is_loopback, name_or_network, web_origin
 
@@ -40,76 +40,6 @@ _Iterations = Annotated[int, Field(ge=1, le=10_000_000)]
 _Gaussians = Annotated[int, Field(ge=1_000, le=100_000_000)]
 _Seconds = Annotated[float, Field(ge=1e-3, le=31_536_000)]
 _Days = Annotated[float, Field(ge=1e-3, le=36_500)]
-
-
-class Limits(Record):
-    """Limits per request, scene and tenant; published by ``GET /v1/capabilities``."""
-
-    image_bytes: int = Field(default=64 * MEGABYTE, ge=1, le=100 * GIGABYTE)
-    """Maximum size of an image file."""
-    image_pixels: int = Field(default=128_000_000, ge=1, le=MAX_PIXELS)
-    """Maximum number of pixels per image."""
-    image_min_side_px: int = Field(default=MIN_SIDE_PX, ge=1, le=MAX_SIDE_PX)
-    """Minimum length of an image's shorter side."""
-    image_max_side_px: int = Field(default=MAX_SIDE_PX, ge=1, le=MAX_PIXELS)
-    """Maximum length of an image's longer side; extreme ones crash pycolmap."""
-    image_max_aspect_ratio: float = Field(default=MAX_ASPECT_RATIO, ge=1, le=MAX_PIXELS)
-    """Maximum ratio of an image's longer side to its shorter one."""
-    image_decoding_bytes: _Bytes = 1024 * MEGABYTE
-    """Maximum memory for decoding an image, estimated from its header."""
-    multipart_files: int = Field(default=200, ge=1, le=100_000)
-    """Maximum number of files in a form."""
-    multipart_bytes: _Bytes = 1024 * MEGABYTE
-    """Maximum size of a form."""
-    json_bytes: int = Field(default=1_500_000, ge=1_000, le=64 * MEGABYTE)
-    """Maximum size of a JSON body or gRPC message with a list. Those without a list may have 64 KiB."""
-    digests_per_check: int = Field(default=10_000, ge=1, le=1_000_000)
-    """Maximum number of digests in an ``images:check`` request."""
-    images_per_scene: int = Field(default=10_000, ge=1, le=1_000_000)
-    """Maximum number of images per scene."""
-    scenes_per_tenant: _Number = 1_000
-    """Maximum number of scenes per tenant."""
-    open_jobs_per_tenant: _Number = 32
-    """Maximum number of queued and running jobs per tenant."""
-    running_jobs_per_tenant: _Number = 8
-    """Maximum number of jobs per tenant that run at once, on all workers together. The others wait."""
-    open_uploads_per_tenant: _Few = 32
-    """Maximum number of concurrent uploads per tenant and gateway (see ``upload_place_s``)."""
-    partial_uploads_per_tenant: _Few = 256
-    """Maximum number of unfinished uploads that are kept per tenant and gateway. Beyond it, a new one
-    replaces the smallest of those that do not grow (see ``upload_place_s``)."""
-    rankings_at_once_per_tenant: _Few = 64
-    """Maximum number of concurrent ranking requests per tenant and gateway."""
-    rankings_queued_per_scene: _Few = 64
-    """Maximum number of different rankings and renders that wait for one scene."""
-    rankings_queued_per_key: _Few = 32
-    """Maximum number of different rankings and renders of one API key that wait for one scene."""
-    ranking_timeout_s: float = Field(default=180.0, ge=1e-3, le=86_400)
-    """Maximum time that a client waits for a ranking, and its default (``X-Timeout-S``)."""
-    refusals_per_key: _Number = 120
-    """Number of requests of one API key that may be refused as wrong (400, 413, 415, 422) within a minute,
-    per gateway. After that the key is on hold: its requests with a body are answered 429, until a minute
-    after the first of them."""
-    event_streams_per_tenant: _Few = 64
-    """Maximum number of concurrent event streams, and of requests that wait for a job, per tenant and
-    gateway."""
-    job_wait_s: float = Field(default=30.0, ge=1e-3, le=86_400)
-    """Maximum time that a request waits for a change of a job (``wait_s``)."""
-    candidates_per_ranking: int = Field(default=2_000, ge=1, le=100_000)
-    """Maximum number of candidates per ranking."""
-    page_items: int = Field(default=1_000, ge=1, le=100_000)
-    """Maximum number of items on a page of a list."""
-
-    @property
-    def of_images(self) -> ImageLimits:
-        """The limits of one image."""
-        return ImageLimits(
-            max_pixels=self.image_pixels,
-            min_side_px=self.image_min_side_px,
-            max_side_px=self.image_max_side_px,
-            max_aspect_ratio=self.image_max_aspect_ratio,
-            max_decoding_bytes=self.image_decoding_bytes,
-        )
 
 
 class BlobSettings(Record):

@@ -13,9 +13,10 @@ from fvs_client import Client
 from fvs_client.cli.error_exit_codes import exit_code_of
 from fvs_client.cli.progress import ranking_progress
 from fvs_client.errors import ApiError, ConnectionFailedError, FvsError
-from fvs_client.models.rankings import ScoredCandidate
-from fvs_service.scenes.model import Alignment, AlignmentStatus
 from typer.testing import Result
+
+from fvs_schema.rankings import ScoredCandidate
+from fvs_schema.scenes import Alignment, AlignmentStatus
 
 Run = Callable[..., Result]
 

@@ -33,7 +33,8 @@ from fvs_client import (
     Retries,
     Trigger,
 )
-from fvs_service.scenes.model import Alignment
+
+from fvs_schema.scenes import Alignment
 
 Do = Callable[..., Any]
 RETRIES = Retries(first_s=0.01, longest_s=0.05)
@@ -50,7 +51,7 @@ class Surface:
     def attempt(self, function: Do, *args: Any, **options: Any) -> Any:
         try:
             return self.do(function, *args, **options)
-        except (FvsError, FileNotFoundError) as error:
+        except (FvsError, FileNotFoundError, ValueError) as error:
             details = [getattr(error, name, None) for name in ("status", "hint", "retryable", "errors")]
             return [type(error).__name__, str(error), details]
 

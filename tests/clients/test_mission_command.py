@@ -6,8 +6,9 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from fvs_service.scenes.model import Alignment, AlignmentStatus
 from typer.testing import Result
+
+from fvs_schema.scenes import Alignment, AlignmentStatus
 
 Run = Callable[..., Result]
 
@@ -56,8 +57,8 @@ def test_rankings_and_plans_become_missions(run: Run, gateway: Any, tmp_path: Pa
     assert "is no id of a ranking or plan" in run("mission", "nothing", expect=2).stderr
     for place in ("north", "nan,7.75", "46,7,inf", "46", "1,2,3,4"):
         assert "is not LAT,LON" in run("mission", ranking, "--home", place, expect=2).stderr
-    assert "`--home` must be at most 90." in run("mission", ranking, "--home", "91,7.75", expect=3).stderr
-    refused = run("mission", ranking, "--geofence", "46.01,7.74", expect=3).stderr
+    assert "`--home` must be at most 90." in run("mission", ranking, "--home", "91,7.75", expect=2).stderr
+    refused = run("mission", ranking, "--geofence", "46.01,7.74", expect=2).stderr
     assert "--geofence: a fence has 3 to 200 corners" in refused
     by_id = run("mission", planned["id"], "--format", "csv", "--out", tmp_path).stdout.strip()
     assert by_id == str(tmp_path / f"{planned['id']}.csv")
@@ -101,7 +102,7 @@ def test_missions_are_refused_in_the_words_of_the_command_line(run: Run, gateway
         ((nowhere, "--format", "nerfstudio", *home), ["so --home has no meaning in it.", "Leave it out: "]),
         ((nowhere, "--format", "ros-posearray", *home), ["no metres, which ROS needs"]),
     ):
-        refused = _said(run("mission", *given, expect=3))
+        refused = _said(run("mission", *given, expect=2 if help_hint in said else 3))
         for part in said:
             assert part in refused
         assert not re.search(r"[a-z]_[a-z]|openapi", refused.replace("(request req_", "")), refused

@@ -3,7 +3,7 @@
 import copy
 import pickle
 from collections.abc import Callable, Iterator
-from typing import Any, get_args
+from typing import Any
 
 import fvs_client
 import pydantic
@@ -18,17 +18,15 @@ from fvs_client import (
     ImageMetadata,
     Orbit,
     Policy,
-    RankingMethod,
     RankingRequest,
     UnexpectedAnswerError,
 )
 from fvs_client.answers import parse, refusal
-from fvs_client.errors import ApiError, NotFoundError, Problem, error_of
+from fvs_client.errors import ApiError, NotFoundError, error_of
 from fvs_client.models.scenes import SceneData
-from fvs_service.errors import ServiceError
 from httpx2 import Response
 
-from fvs_engine.choices import Method
+from fvs_schema.problems import Problem
 
 POSE = FramePose(position=(1, 2, 3), orientation_wxyz=(1, 0, 0, 0))
 
@@ -36,24 +34,27 @@ POSE = FramePose(position=(1, 2, 3), orientation_wxyz=(1, 0, 0, 0))
 @pytest.mark.parametrize(
     ("make", "reason"),
     [
-        (lambda: Orbit(cuont=5), "`cuont` is no field of Orbit; did you mean `count`?"),
-        (lambda: Orbit(count="many"), "`count` must be a whole number, not 'many'."),
-        (lambda: Orbit(count=2.5), "`count` must be a whole number, not 2.5."),
+        (lambda: Orbit(cuont=5), "cuont: there is no such field. Did you mean `count`?"),
+        (lambda: Orbit(count="many"), "`count` must be a whole number."),
+        (lambda: Orbit(count=2.5), "`count` must be a whole number."),
         (lambda: FramePose(position=(1, 2, 3)), "`orientation_wxyz` is missing."),
-        (lambda: FramePose(position=(1, 2), orientation_wxyz=(1, 0, 0, 0)), "`position` has too few items."),
-        (lambda: Candidate(id="a", pose=3), "`pose` must be of the class FramePose, not 3."),
+        (lambda: FramePose(position=(1, 2), orientation_wxyz=(1, 0, 0, 0)), "`position.2` is missing."),
+        (lambda: Candidate(id="a", pose=3), "`pose` must be an object."),
         (lambda: Candidate(id="a", pose={"position": (1, 2, 3)}), "`pose.orientation_wxyz` is missing."),
-        (lambda: RankingRequest(generator="orbit"), "`generator` must be an object, not 'orbit'."),
-        (lambda: RankingRequest(generator={"kind": "orbit", "cuont": 5}), "`generator.cuont` is no field."),
+        (lambda: RankingRequest(generator="orbit"), "`generator` must be an object."),
+        (
+            lambda: RankingRequest(generator={"kind": "orbit", "cuont": 5}),
+            "generator.cuont: there is no such field.",
+        ),
         (
             lambda: RankingRequest(generator={"kind": "disc"}),
-            "`generator` has a kind that is none of 'orbit',",
+            "`generator`'s kind must be one of 'orbit',",
         ),
-        (lambda: RankingRequest(candidates=(POSE,)), "`candidates.0` must be of the class Candidate, not"),
+        (lambda: RankingRequest(candidates=(POSE,)), "`candidates.0` must be an object."),
         (lambda: RankingRequest(frame="word"), "`frame` must be 'world', 'model' or 'geodetic'."),
         (
             lambda: ImageMetadata(captured_at="noon"),
-            "`captured_at` must be a time, as in RFC 3339, not 'noon'.",
+            "`captured_at` must be a time, as in RFC 3339.",
         ),
         (lambda: Policy(trigger=3), "`trigger` must be 'on-request', 'each-image' or 'every-k-images'."),
         (lambda: RankingRequest(top_k="a", seed="b", budget="c", method=4), "And 1 more."),
@@ -70,8 +71,8 @@ def test_wrong_arguments_are_named(make: Callable[[], Any], reason: str) -> None
 def test_an_answer_that_does_not_fit_is_described() -> None:
     for content, reason in (
         (b"<html>", "It is no JSON."),
-        (b"[]", "It must be an object, not []."),
-        (b'{"id": 3}', "`id` must be a string, not 3. `name` is missing. `world` is missing. And"),
+        (b"[]", "It must be an object."),
+        (b'{"id": 3}', "`id` must be a string. `name` is missing. `world` is missing. And"),
     ):
         with pytest.raises(UnexpectedAnswerError) as caught:
             parse(SceneData, content)
@@ -81,11 +82,11 @@ def test_an_answer_that_does_not_fit_is_described() -> None:
 
 
 def test_models_cannot_be_changed_but_copied() -> None:
-    with pytest.raises(AttributeError, match="FramePose is immutable: its `position` cannot be set"):
+    with pytest.raises(ValueError, match="frozen"):
         POSE.position = (0, 0, 0)  # type: ignore[misc]
-    with pytest.raises(AttributeError, match="immutable"):
+    with pytest.raises(ValueError, match="frozen"):
         POSE.elsewhere = 1  # type: ignore[attr-defined]
-    with pytest.raises(AttributeError, match="immutable"):
+    with pytest.raises(ValueError, match="frozen"):
         del POSE.position
     assert copy.deepcopy(POSE) == pickle.loads(pickle.dumps(POSE)) == POSE
 
@@ -108,7 +109,6 @@ def test_every_error_has_a_code_that_completes() -> None:
     known = set(ErrorCode)
     ours = [kind for kind in _below(FvsError) if kind.__module__.startswith("fvs_client")]
     assert {kind.code for kind in ours} <= known
-    assert {kind.code for kind in _below(ServiceError)} <= {str(code) for code in known}
     assert NotFoundError.code == "not-found"
 
 
@@ -119,10 +119,6 @@ def test_the_code_of_an_error_is_the_service_s() -> None:
     assert refusal(Response(404, content=b"<html>"), "req").code is ErrorCode.NOT_FOUND
     assert refusal(Response(418, content=b"tea"), "req").code is ErrorCode.UNEXPECTED_ANSWER
     assert ApiError in _below(FvsError)
-
-
-def test_the_methods_of_ranking_that_complete_are_those_of_the_service() -> None:
-    assert set(get_args(RankingMethod)) == set(get_args(Method))
 
 
 def test_nobody_answers_with_a_code() -> None:

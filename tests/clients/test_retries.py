@@ -18,7 +18,9 @@ from fvs_client import (
     UnavailableError,
     UnexpectedAnswerError,
 )
-from fvs_client.errors import DeadlineExceededError, DigestMismatchError, FvsError, Problem, error_of
+from fvs_client.errors import DeadlineExceededError, DigestMismatchError, FvsError, error_of
+
+from fvs_schema.problems import Problem
 
 Act = Callable[[BaseHTTPRequestHandler], None]
 

@@ -20,7 +20,8 @@ from fvs_client import (
     UnexpectedAnswerError,
     WaitTimeoutError,
 )
-from fvs_service.jobs.model import JobError
+
+from fvs_schema.jobs import JobFailure
 
 Play = Callable[[], None]
 
@@ -43,7 +44,7 @@ class Worker:
         self._ledger.succeed(self._lease, self._job)
 
     def fail(self) -> None:
-        why = JobError(
+        why = JobFailure(
             code="reconstruction-failed",
             message="Too little overlap.",
             hint="Fly slower.",

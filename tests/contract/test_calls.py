@@ -21,7 +21,8 @@ from grpc_health.v1.health_pb2 import HealthCheckRequest, HealthCheckResponse
 from grpc_health.v1.health_pb2_grpc import HealthStub
 from grpc_reflection.v1alpha.reflection_pb2 import ServerReflectionRequest, ServerReflectionResponse
 
-from fvs_engine.candidates import CandidateScore, CandidateStatus
+from fvs_engine.candidates import CandidateScore
+from fvs_schema.candidates import CandidateStatus
 
 
 def _offset(tenant: Any, scene: str, content: bytes) -> int:

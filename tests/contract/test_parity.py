@@ -22,12 +22,13 @@ from fvs.v1 import (
     webhooks_pb2,
 )
 from fvs_service.errors import ServiceError
-from fvs_service.events.model import EventKind
 from fvs_service.gateway.rpc.failures import code_of, status_of
 from fvs_service.gateway.rpc.operations import has_body
 from google.protobuf.descriptor_pb2 import FieldDescriptorProto as Field
 from google.protobuf.descriptor_pb2 import FileDescriptorProto
 from google.protobuf.descriptor_pool import DescriptorPool
+
+from fvs_schema.events import EventKind
 
 _FILES = (
     *(capabilities_pb2, downloads_pb2, events_pb2, images_pb2, jobs_pb2),
@@ -225,7 +226,7 @@ def test_every_field_has_the_type_of_its_model(document: dict[str, Any]) -> None
         ("Job.id", {"type": Field.TYPE_BYTES}),
         ("Job.state", {"type_name": ".fvs.v1.JobKind"}),
         ("Job.state", {"type": Field.TYPE_STRING, "type_name": None}),
-        ("Job.error", {"type_name": ".fvs.v1.Waiting"}),
+        ("Job.error", {"type_name": ".fvs.v1.JobWaiting"}),
         ("Job.created_at", {"type": Field.TYPE_STRING, "type_name": None}),
         ("Job.scene_id", {"label": Field.LABEL_REPEATED}),
         ("JobList.items", {"label": Field.LABEL_OPTIONAL}),

@@ -161,9 +161,9 @@ def test_a_failed_job_says_why(compare: Compare) -> None:
 
 
 def _job_error() -> Any:
-    from fvs_service.jobs.model import JobError
+    from fvs_schema.jobs import JobFailure
 
-    return JobError(
+    return JobFailure(
         code="too-few-images",
         message="There are too few.",
         hint="Send more.",

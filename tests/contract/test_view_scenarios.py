@@ -5,7 +5,8 @@ from typing import Any
 
 import pytest
 from contract_scenarios import LOOK, ORIGIN, Compare, model_of, refused
-from fvs_service.scenes.model import Alignment, AlignmentStatus
+
+from fvs_schema.scenes import Alignment, AlignmentStatus
 
 
 def test_flights_are_planned(compare: Compare) -> None:

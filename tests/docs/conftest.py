@@ -7,9 +7,10 @@ from typing import Any
 
 import pytest
 from conftest_of import conftest_of
-from fvs_service.scenes.model import Alignment, AlignmentStatus
 from fvs_service.serving.running import running_service
 from warm_programs import warm_programs
+
+from fvs_schema.scenes import Alignment, AlignmentStatus
 
 ALIGNED = Alignment(status=AlignmentStatus.ALIGNED, rms_m=0.1, inliers=6, positions=6)
 _SMALL_SERVICE = {

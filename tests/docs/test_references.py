@@ -10,10 +10,11 @@ import typer
 from fvs_client.cli import error_exit_codes, exit_codes
 from fvs_client.cli.app import app as fvs_client
 from fvs_service.environment import OF_OTHERS, variables_of
-from fvs_service.settings import BlobSettings, Limits, Retention, Settings, WorkerSettings
+from fvs_service.settings import BlobSettings, Retention, Settings, WorkerSettings
 
 from fvs_engine.cli.app import app as fvs
 from fvs_schema.field_docstrings import field_docstrings
+from fvs_schema.service import Limits
 
 REPOSITORY = Path(__file__).resolve().parent.parent.parent
 PAGES = [
@@ -89,7 +90,7 @@ def test_variables_are_settings(page: Path) -> None:
 
 
 def test_settings_have_docstrings() -> None:
-    documented = field_docstrings(Settings.__module__)
+    documented = {**field_docstrings(Settings.__module__), **field_docstrings(Limits.__module__)}
     missing = [
         f"{kind.__name__}.{name}"
         for kind in (Settings, Limits, BlobSettings, WorkerSettings, Retention)

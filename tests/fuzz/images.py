@@ -11,16 +11,17 @@ from pathlib import Path
 
 import numpy as np
 import piexif
-from fvs_service.images.inspection import inspect
-from fvs_service.settings import Limits
+from fvs_service.images.inspection import image_limits, inspect
 from PIL import Image
+
+from fvs_schema.service import Limits
 
 sys.path.insert(0, str(Path(__file__).parent))  # for the children, which import this file by its path
 from fuzzing import Files, Target, run
 
 from fvs_engine.images.metadata import read_priors
 
-_LIMITS = Limits(image_pixels=1_000_000, image_decoding_bytes=20_000_000).of_images
+_LIMITS = image_limits(Limits(image_pixels=1_000_000, image_decoding_bytes=20_000_000))
 _XMP = b"""<x:xmpmeta xmlns:x="adobe:ns:meta/"><rdf:RDF xmlns:rdf="http://www.w3.org/1999/02/22-rdf-syntax-ns#">
 <rdf:Description xmlns:drone-dji="http://www.dji.com/drone-dji/1.0/" drone-dji:GpsLatitude="+48.1234"
 drone-dji:GpsLongtitude="+7.5" drone-dji:AbsoluteAltitude="+412.5" drone-dji:GimbalYawDegree="-91.2"

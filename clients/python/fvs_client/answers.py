@@ -10,11 +10,13 @@ from typing import TypeVar
 import httpx2
 import pydantic
 
-from fvs_client.errors import ApiError, Problem, UnexpectedAnswerError, error_of
-from fvs_client.models.base import Model
-from fvs_client.models.events import Event
+from fvs_client.errors import ApiError, UnexpectedAnswerError, error_of
 from fvs_client.models.missions import MissionFile
-from fvs_client.models.mistakes import mistakes
+from fvs_schema.base import Model
+from fvs_schema.events import Event
+from fvs_schema.mistakes import described
+from fvs_schema.problems import Problem
+from fvs_schema.words import NEWER
 
 M = TypeVar("M", bound=Model)
 _REASONS = pydantic.TypeAdapter(tuple[str, ...])
@@ -26,7 +28,7 @@ def parse(kind: type[M], content: bytes, session: object = None) -> M:
     Raises ``UnexpectedAnswerError``.
     """
     try:
-        return kind.model_validate_json(content, context={"session": session})
+        return kind.model_validate_json(content, extra="ignore", context={"session": session, NEWER: True})
     except pydantic.ValidationError as error:
         raise UnexpectedAnswerError(
             f"The answer does not fit {kind.__name__.lstrip('_')}: {_mistakes(error, content)}",
@@ -39,7 +41,7 @@ def _mistakes(error: pydantic.ValidationError, content: str | bytes) -> str:
         given = json.loads(content)
     except ValueError:
         return "It is no JSON."
-    return mistakes(error, given)
+    return described(error, given)
 
 
 def refusal(response: httpx2.Response, request_id: str) -> ApiError:
@@ -85,7 +87,7 @@ def event_number(message: httpx2.ServerSentEvent, default: int | None) -> int | 
 def parse_event(message: httpx2.ServerSentEvent) -> Event:
     """Parse an event of a scene; raises ``UnexpectedAnswerError``."""
     try:
-        return Event.model_validate_json(message.data)
+        return Event.model_validate_json(message.data, context={NEWER: True})
     except pydantic.ValidationError as error:
         raise UnexpectedAnswerError(f"An event cannot be read: {_mistakes(error, message.data)}") from None
 

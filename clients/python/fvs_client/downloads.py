@@ -6,8 +6,10 @@ from dataclasses import dataclass
 from os import PathLike, fspath
 from pathlib import Path
 
-from fvs_client.errors import DamagedDownloadError, NotFoundError, Problem
-from fvs_client.models.snapshots import Artifact, SnapshotData
+from fvs_client.errors import DamagedDownloadError, NotFoundError
+from fvs_client.models.snapshots import SnapshotData
+from fvs_schema.problems import Problem
+from fvs_schema.snapshots import Artifact
 
 _READ_BYTES = 1 << 20
 

@@ -2,29 +2,9 @@
 
 from collections.abc import Mapping, Sequence
 
-from fvs_client.models.base import Answer
-from fvs_client.models.error_codes import ErrorCode
 from fvs_client.models.jobs import JobData
-
-
-class FieldError(Answer):
-    """An invalid part of the input: where (``candidates.3.id``) and why."""
-
-    field: str
-    message: str
-
-
-class Problem(Answer):
-    """The service's problem document (RFC 9457)."""
-
-    title: str = ""
-    status: int
-    code: str
-    detail: str = ""
-    hint: str = ""
-    retryable: bool = False
-    request_id: str = ""
-    errors: tuple[FieldError, ...] = ()
+from fvs_schema.error_codes import ErrorCode, FieldError
+from fvs_schema.problems import Problem
 
 
 class FvsError(Exception):
@@ -94,9 +74,11 @@ class ApiError(FvsError):
         )
         self.problem = problem
         if problem.code:
-            self.code = ErrorCode(problem.code)
+            self.code = ErrorCode.of(problem.code)
         self.status = problem.status
-        self.errors: Sequence[FieldError] = problem.errors
+        self.errors: Sequence[FieldError] = tuple(
+            FieldError(one.field, one.message) for one in problem.errors
+        )
         self.retry_after_s = retry_after_s
 
 

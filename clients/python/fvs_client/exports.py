@@ -23,7 +23,6 @@ from fvs_client.errors import (
     DamagedDownloadError,
     DeadlineExceededError,
     DigestMismatchError,
-    FieldError,
     ForbiddenError,
     FvsError,
     GoneError,
@@ -46,33 +45,11 @@ from fvs_client.errors import (
     UnreadableFormatError,
     WaitTimeoutError,
 )
-from fvs_client.models.error_codes import ErrorCode
-from fvs_client.models.events import Event, EventKind
-from fvs_client.models.images import (
-    DigestAnswer,
-    Image,
-    ImageMetadata,
-    KnownImage,
-    Prior,
-    Registration,
-    Verdict,
-)
-from fvs_client.models.jobs import JobFailure, JobKind, JobState, JobWaiting, WaitReason
-from fvs_client.models.missions import (
-    Autopilot,
-    Drone,
-    Finish,
-    MissionFile,
-    MissionFormat,
-    MissionOptions,
-    MissionRequest,
-    MissionSettings,
-    MissionView,
-)
+from fvs_client.models.missions import MissionFile, MissionSettings
 from fvs_client.models.pictures import Png
-from fvs_client.models.plans import CandidateTerms, Expectation, PlanRequest, PlanSummary, Stop, Tour
-from fvs_client.models.poses import FramePose, VehiclePose
-from fvs_client.models.rankings import (
+from fvs_client.retries import NO_RETRIES, Retries
+from fvs_client.uploads import Outcome, UploadedFile, UploadProgress, UploadReport
+from fvs_schema.candidates import (
     AroundCurrent,
     Candidate,
     CandidateStatus,
@@ -81,15 +58,30 @@ from fvs_client.models.rankings import (
     Grid,
     InVolume,
     Orbit,
-    Pose,
+)
+from fvs_schema.error_codes import ErrorCode, FieldError
+from fvs_schema.events import Event, EventKind
+from fvs_schema.images import DigestAnswer, Image, ImageMetadata, KnownImage, Prior, Registration, Verdict
+from fvs_schema.jobs import JobFailure, JobKind, JobState, JobWaiting, WaitReason
+from fvs_schema.missions import (
+    Autopilot,
+    Drone,
+    Finish,
+    MissionFormat,
+    MissionOptions,
+    MissionRequest,
+    MissionView,
+)
+from fvs_schema.plans import CandidateTerms, Expectation, PlanRequest, PlanSummary, Stop, Tour
+from fvs_schema.poses import FramePose, Pose, VehiclePose
+from fvs_schema.rankings import (
     RankedCandidate,
-    RankingMethod,
     RankingRequest,
     RankingSummary,
     RankingWarning,
     ScoredCandidate,
 )
-from fvs_client.models.scenes import (
+from fvs_schema.scenes import (
     Alignment,
     AlignmentStatus,
     AltitudeDatum,
@@ -105,19 +97,12 @@ from fvs_client.models.scenes import (
     Trigger,
     World,
 )
-from fvs_client.models.service import Capabilities, Health, Limits, WorkerStatus
-from fvs_client.models.snapshots import (
-    Artifact,
-    PinholeIntrinsics,
-    SnapshotCameras,
-    SnapshotMetrics,
-    SnapshotView,
-)
-from fvs_client.models.visits import Visit, VisitReport, VisitState
-from fvs_client.models.volumes import Box, Corridor, Cylinder, Prism, Shell, Volume
-from fvs_client.models.webhooks import WebhookState
-from fvs_client.retries import NO_RETRIES, Retries
-from fvs_client.uploads import Outcome, UploadedFile, UploadProgress, UploadReport
+from fvs_schema.service import Capabilities, Health, Limits, WorkerStatus
+from fvs_schema.snapshots import Artifact, PinholeIntrinsics, SnapshotCameras, SnapshotMetrics, SnapshotView
+from fvs_schema.visits import Visit, VisitReport, VisitState
+from fvs_schema.volumes import Box, Corridor, Cylinder, Prism, Shell, Volume
+from fvs_schema.webhooks import WebhookState
+from fvs_schema.words import Method as RankingMethod
 
 __all__ = [
     "NO_RETRIES",

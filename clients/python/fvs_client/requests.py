@@ -8,15 +8,15 @@ from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-from fvs_client.models.base import Input
-from fvs_client.models.images import ImageMetadata
-from fvs_client.models.jobs import JobRequest
-from fvs_client.models.missions import MissionOptions, MissionRequest
-from fvs_client.models.plans import PlanRequest
-from fvs_client.models.rankings import RankingRequest
-from fvs_client.models.scenes import SceneChange, SceneRequest
-from fvs_client.models.visits import VisitReport
-from fvs_client.models.webhooks import WebhookRequest
+from fvs_schema.base import Input
+from fvs_schema.images import ImageMetadata
+from fvs_schema.jobs import JobRequest
+from fvs_schema.missions import MissionOptions, MissionRequest
+from fvs_schema.plans import PlanRequest
+from fvs_schema.rankings import RankingRequest
+from fvs_schema.scenes import SceneChange, SceneRequest
+from fvs_schema.visits import VisitReport
+from fvs_schema.webhooks import WebhookRequest
 
 REQUEST_ID = "X-Request-Id"
 EVENT_STREAM = "text/event-stream"
@@ -100,7 +100,7 @@ def change_scene(scene_id: str, change: SceneChange, etag: str | None = None) ->
         "PATCH",
         path,
         headers=_if_match(etag),
-        document=change.document(),
+        document=_document(change),
         repeatable=etag is None,  # the change itself changes the tag
     )
 
@@ -147,7 +147,7 @@ def put_image(scene_id: str, digest: str, body: bytes | FileBody, metadata: Imag
     return Request(
         "PUT",
         f"{images_of(scene_id)}/{digest}",
-        {} if metadata is None else metadata.document(),
+        {} if metadata is None else _document(metadata),
         {"Repr-Digest": f"sha-256=:{checked}:", "Content-Type": "application/octet-stream"},
         body=body,
     )
@@ -243,12 +243,12 @@ def rankings_of(scene_id: str) -> str:
 
 def report_visits(scene_id: str, report: VisitReport) -> Request:
     """Report what a vehicle does about views."""
-    return Request("POST", f"/v1/scenes/{_part(scene_id)}/visits", document=report.document())
+    return Request("POST", f"/v1/scenes/{_part(scene_id)}/visits", document=_document(report))
 
 
 def create_webhook(scene_id: str, webhook: WebhookRequest) -> Request:
     """Create a webhook."""
-    return Request("POST", f"/v1/scenes/{_part(scene_id)}/webhooks", document=webhook.document())
+    return Request("POST", f"/v1/scenes/{_part(scene_id)}/webhooks", document=_document(webhook))
 
 
 def list_webhooks(scene_id: str) -> Request:
@@ -300,18 +300,18 @@ def delete_plan(plan_id: str) -> Request:
 
 def get_plan_mission(plan_id: str, vehicle: int, options: MissionOptions) -> Request:
     """Get the stops of one vehicle of a plan as a mission."""
-    return Request("GET", f"/v1/plans/{_part(plan_id)}/mission", {"vehicle": vehicle, **options.document()})
+    return Request("GET", f"/v1/plans/{_part(plan_id)}/mission", {"vehicle": vehicle, **_query(options)})
 
 
 def get_ranking_mission(ranking_id: str, options: MissionOptions) -> Request:
     """Get the ranked candidates of a ranking as a mission."""
-    return Request("GET", f"/v1/rankings/{_part(ranking_id)}/mission", options.document())
+    return Request("GET", f"/v1/rankings/{_part(ranking_id)}/mission", _query(options))
 
 
 def create_mission(scene_id: str, mission: MissionRequest, options: MissionOptions) -> Request:
     """Get views as a mission."""
     path = f"/v1/scenes/{_part(scene_id)}/missions"
-    return Request("POST", path, options.document(), document=mission.document())
+    return Request("POST", path, _query(options), document=_document(mission))
 
 
 def get_ranking(ranking_id: str) -> Request:
@@ -371,8 +371,18 @@ def _keyed(path: str, content: Input, idempotency_key: str | None) -> Request:
         "POST",
         path,
         headers={"Idempotency-Key": idempotency_key or uuid.uuid4().hex},
-        document=content.document(),
+        document=_document(content),
     )
+
+
+def _query(options: MissionOptions) -> dict[str, Any]:
+    """The options that differ from the defaults."""
+    return options.model_dump(mode="json", exclude_none=True, exclude_defaults=True)
+
+
+def _document(content: Input) -> dict[str, Any]:
+    """The JSON object, without fields that are None."""
+    return content.model_dump(mode="json", exclude_none=True)
 
 
 def _if_match(etag: str | None) -> dict[str, str]:

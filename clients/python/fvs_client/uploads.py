@@ -7,8 +7,8 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fvs_client.image_files import ImageFile
-from fvs_client.models.base import Word
-from fvs_client.models.images import Image, ImageMetadata
+from fvs_schema.images import Image, ImageMetadata
+from fvs_schema.words import Word
 
 Describe = Callable[[Path], ImageMetadata | None]
 

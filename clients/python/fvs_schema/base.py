@@ -1,10 +1,22 @@
-"""Bases of the records on the wire."""
+"""Bases of the records on the wire, and of their lists."""
 
-from pydantic import BaseModel, ConfigDict, GetJsonSchemaHandler
+from typing import TYPE_CHECKING, Any, Generic, TypeVar
+
+from pydantic import (
+    AwareDatetime,
+    BaseModel,
+    ConfigDict,
+    Field,
+    GetJsonSchemaHandler,
+    ValidationError,
+)
 from pydantic.json_schema import JsonSchemaValue
 from pydantic_core import CoreSchema
 
 from fvs_schema.field_docstrings import field_docstrings
+from fvs_schema.mistakes import InvalidInput
+
+Timestamp = AwareDatetime
 
 
 class Model(BaseModel):
@@ -16,16 +28,21 @@ class Model(BaseModel):
     def __get_pydantic_json_schema__(
         cls, schema: CoreSchema, handler: GetJsonSchemaHandler, /
     ) -> JsonSchemaValue:
-        """The JSON schema, with the docstrings of the fields.
+        """The JSON schema, with the docstrings of the fields; the kind of a member of a union is required.
 
         pydantic's ``use_attribute_docstrings`` reads the sources whenever a process starts.
         """
         described = handler(schema)
-        properties = handler.resolve_ref_schema(described).get("properties", {})
+        resolved = handler.resolve_ref_schema(described)
+        properties = resolved.get("properties", {})
         for base in (base for base in cls.__mro__ if issubclass(base, Model)):
             for name, docstring in field_docstrings(base.__module__).get(base.__name__, {}).items():
                 if name in properties:
                     properties[name].setdefault("description", docstring)
+        for name, field in properties.items():
+            if "const" in field and "default" in field:
+                del field["default"]
+                resolved["required"] = [name, *resolved.get("required", ())]
         return described
 
 
@@ -36,6 +53,44 @@ class Output(Model):
 
 
 class Input(Model):
-    """Base of what is sent to the service: unknown fields are errors."""
+    """Base of what is sent to the service: unknown fields are errors.
+
+    The constructor raises ``InvalidInput``, a ``ValueError``, for what does not fit.
+    """
 
     model_config = ConfigDict(extra="forbid")
+
+    if not TYPE_CHECKING:  # a type checker knows the fields
+
+        def __init__(self, **fields: Any) -> None:
+            try:
+                super().__init__(**fields)
+            except ValidationError as error:
+                raise InvalidInput(error, fields, type(self)) from None
+
+        # Only whoever makes an object gets here, not pydantic for the parts of one.
+        __init__.__pydantic_base_init__ = True
+
+
+class Page(Input):
+    """A page of a list: ``limit`` items after the one with the cursor ``after``."""
+
+    after: str | None = Field(default=None, max_length=128, description="The `next` of the previous page.")
+    limit: int = Field(
+        default=100,
+        ge=1,
+        le=1000,
+        description="Items of the page. It has no more than `limits.page_items` of the capabilities.",
+    )
+
+
+ItemT = TypeVar("ItemT", bound=Model)
+
+
+class Listing(Output, Generic[ItemT]):
+    """A page of a list."""
+
+    items: tuple[ItemT, ...]
+    """The items of this page."""
+    next: str | None
+    """The cursor of the next page; null on the last one."""

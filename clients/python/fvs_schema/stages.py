@@ -1,9 +1,9 @@
 """The stages of long computations: what a job or a command does now."""
 
-from enum import StrEnum
+from fvs_schema.words import Word
 
 
-class Stage(StrEnum):
+class Stage(Word):
     """What a long computation does now: the stages of jobs as they follow each other, then those of commands.
 
     Not every job has each.

@@ -2,7 +2,6 @@
 
 from collections.abc import Callable, Mapping
 
-from fvs_engine.choices import Method
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.lab.baselines.coverage import Coverage
 from fvs_engine.lab.baselines.distance import Farthest, Nearest
@@ -17,6 +16,7 @@ from fvs_engine.score.selectors.renders import (
     median_frequency_fast,
     spectral_median,
 )
+from fvs_schema.words import Method
 
 SELECTORS: Mapping[Method, Callable[[], Selector]] = {
     "median-frequency": median_frequency,

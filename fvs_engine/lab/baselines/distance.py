@@ -2,12 +2,12 @@
 
 import numpy as np
 
-from fvs_engine.candidates import CandidateStatus
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import view_distances
 from fvs_engine.score import CandidateScore
 from fvs_engine.score.selectors.interface import SelectionContext
+from fvs_schema.candidates import CandidateStatus
 
 
 class Farthest:

@@ -2,10 +2,10 @@
 
 import hashlib
 
-from fvs_engine.candidates import CandidateStatus
 from fvs_engine.monitor import Monitor
 from fvs_engine.score import CandidateScore
 from fvs_engine.score.selectors.interface import SelectionContext
+from fvs_schema.candidates import CandidateStatus
 
 
 class RandomOrder:

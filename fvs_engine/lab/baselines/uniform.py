@@ -5,10 +5,10 @@ import itertools
 import math
 from collections.abc import Sequence
 
-from fvs_engine.candidates import CandidateStatus
 from fvs_engine.monitor import Monitor
 from fvs_engine.score import CandidateScore
 from fvs_engine.score.selectors.interface import SelectionContext
+from fvs_schema.candidates import CandidateStatus
 
 
 class Uniform:

@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 
 from scipy.stats import spearmanr
 
-from fvs_engine.candidates import CandidateStatus
 from fvs_engine.lab.baselines import create_selector
 from fvs_engine.lab.evaluate.held_out import aligned_views, psnr_at
 from fvs_engine.lab.evaluate.results import Calibration, RankCorrelation
@@ -14,6 +13,7 @@ from fvs_engine.score import CandidateScore
 from fvs_engine.select.candidate_views import align
 from fvs_engine.select.loop import SelectionLoop
 from fvs_engine.splat.torch_threads import torch_threads_for
+from fvs_schema.candidates import CandidateStatus
 from fvs_schema.stages import Stage
 
 _FEWEST = 3

@@ -9,7 +9,6 @@ from typing import Annotated
 from pydantic import Field, TypeAdapter, ValidationError
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.plan.volumes.base import MOST_CORNERS
 from fvs_engine.plan.volumes.box import Box
 from fvs_engine.plan.volumes.corridor import Corridor
 from fvs_engine.plan.volumes.cylinder import Cylinder
@@ -18,7 +17,6 @@ from fvs_engine.plan.volumes.shell import Shell
 from fvs_engine.records import first_error
 
 __all__ = [
-    "MOST_CORNERS",
     "AnyVolume",
     "Box",
     "Corridor",

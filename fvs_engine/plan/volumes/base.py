@@ -2,21 +2,19 @@
 
 from abc import abstractmethod
 from collections.abc import Iterator
-from typing import Annotated, Self
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import Field, model_validator
+from pydantic import model_validator
 
 from fvs_engine.geometry import SimilarityTransform, level_axes
-from fvs_engine.geometry.validation import MAX_COORDINATE
-from fvs_engine.records import Record
+from fvs_schema import volumes
+from fvs_schema.volumes import Vector
 
 Array = NDArray[np.float64]
 Mask = NDArray[np.bool_]
 
-MOST_CORNERS = 200
-"""Maximum number of corners of a polygon or path: each costs time for every position."""
 LEAST_EXTENT = 1e-9
 """Smallest extent as a share of the coordinates: less is rounding."""
 _CHUNK = 4_096
@@ -26,17 +24,9 @@ _MOST_DRAWN = 4_000_000
 _PLASTIC = 1.2207440846057596
 """The root of x⁴ = x + 1."""
 
-Number = Annotated[float, Field(strict=True, ge=-MAX_COORDINATE, le=MAX_COORDINATE)]
-Length = Annotated[float, Field(strict=True, gt=0.0, le=MAX_COORDINATE)]
-Vector = tuple[Number, Number, Number]
-UP: Vector = (0.0, 0.0, 1.0)
 
-
-class BaseVolume(Record):
+class BaseVolume(volumes.BaseVolume):
     """What all volumes can do; ``up`` is the direction of their heights, of any length."""
-
-    up: Vector = UP
-    """The direction of heights, of any length."""
 
     @model_validator(mode="after")
     def _is_usable(self) -> Self:

@@ -1,37 +1,17 @@
 """Upright boxes."""
 
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 
 from fvs_engine.geometry import SimilarityTransform, level_axes
 from fvs_engine.plan.segments import inside_slab
-from fvs_engine.plan.volumes.base import (
-    Array,
-    BaseVolume,
-    Length,
-    Mask,
-    Vector,
-    as_vector,
-    moved_point,
-    require_extent,
-)
+from fvs_engine.plan.volumes.base import Array, BaseVolume, Mask, as_vector, moved_point, require_extent
+from fvs_schema import volumes
 
 
-class Box(BaseVolume):
-    """A box that stands upright: ``size`` along its first level side, its second, and up.
-
-    ``along`` is the direction of the first side, made level.
-    """
-
-    kind: Literal["box"] = "box"
-    """The volume's name."""
-    centre: Vector
-    """The middle of the box."""
-    size: tuple[Length, Length, Length]
-    """Its extent along the first level side, along the second, and up."""
-    along: Vector | None = None
-    """The direction of the first side, made level; by default x."""
+class Box(BaseVolume, volumes.Box):
+    """See ``fvs_schema.volumes.Box``."""
 
     def contains(self, points: Array) -> Mask:
         """See ``BaseVolume``."""

@@ -1,34 +1,18 @@
 """Corridors along a path."""
 
-from typing import Annotated, Literal, Self
+from typing import Self
 
 import numpy as np
-from pydantic import Field
 
 from fvs_engine.geometry import SimilarityTransform, level_axes
 from fvs_engine.plan.segments import boxes_meet, nearest_segment, segments_distance
-from fvs_engine.plan.volumes.base import (
-    MOST_CORNERS,
-    UP,
-    Array,
-    BaseVolume,
-    Length,
-    Mask,
-    Vector,
-    moved_point,
-    require_extent,
-)
+from fvs_engine.plan.volumes.base import Array, BaseVolume, Mask, moved_point, require_extent
+from fvs_schema import volumes
+from fvs_schema.volumes import UP
 
 
-class Corridor(BaseVolume):
-    """Along a path: within ``radius`` of the line through its corners."""
-
-    kind: Literal["corridor"] = "corridor"
-    """The volume's name."""
-    path: Annotated[tuple[Vector, ...], Field(min_length=2, max_length=MOST_CORNERS, fail_fast=True)]
-    """The corners of its line, in order."""
-    radius: Length
-    """How far from the line it reaches."""
+class Corridor(BaseVolume, volumes.Corridor):
+    """See ``fvs_schema.volumes.Corridor``."""
 
     def contains(self, points: Array) -> Mask:
         """See ``BaseVolume``."""

@@ -1,25 +1,17 @@
 """Upright cylinders."""
 
-from typing import Literal, Self
+from typing import Self
 
 import numpy as np
 
 from fvs_engine.geometry import SimilarityTransform
 from fvs_engine.plan.segments import inside_ball, inside_slab
-from fvs_engine.plan.volumes.base import Array, BaseVolume, Length, Mask, Vector, moved_point, require_extent
+from fvs_engine.plan.volumes.base import Array, BaseVolume, Mask, moved_point, require_extent
+from fvs_schema import volumes
 
 
-class Cylinder(BaseVolume):
-    """An upright cylinder of ``radius`` and ``height``, over its ``base``, the middle of the lower disc."""
-
-    kind: Literal["cylinder"] = "cylinder"
-    """The volume's name."""
-    base: Vector
-    """The middle of the lower disc."""
-    radius: Length
-    """The radius of the discs."""
-    height: Length
-    """The distance between them."""
+class Cylinder(BaseVolume, volumes.Cylinder):
+    """See ``fvs_schema.volumes.Cylinder``."""
 
     def contains(self, points: Array) -> Mask:
         """See ``BaseVolume``."""

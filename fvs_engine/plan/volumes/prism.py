@@ -1,40 +1,17 @@
 """Polygons between two heights."""
 
-from typing import Annotated, Literal, Self
+from typing import Self
 
 import numpy as np
-from pydantic import Field
 
 from fvs_engine.geometry import SimilarityTransform
 from fvs_engine.plan.segments import inside_slab, polygon_contains, polygon_crossed, segments_distance
-from fvs_engine.plan.volumes.base import (
-    LEAST_EXTENT,
-    MOST_CORNERS,
-    Array,
-    BaseVolume,
-    Mask,
-    Number,
-    Vector,
-    moved_point,
-    require_extent,
-)
+from fvs_engine.plan.volumes.base import LEAST_EXTENT, Array, BaseVolume, Mask, moved_point, require_extent
+from fvs_schema import volumes
 
 
-class Prism(BaseVolume):
-    """A polygon between two heights.
-
-    ``corners`` in order around the polygon; only their level position counts. ``lower`` and ``upper`` are
-    heights over the origin of the frame, along ``up``. An edge that two parts share belongs to either.
-    """
-
-    kind: Literal["prism"] = "prism"
-    """The volume's name."""
-    corners: Annotated[tuple[Vector, ...], Field(min_length=3, max_length=MOST_CORNERS, fail_fast=True)]
-    """The corners in order around the polygon; only their level position counts."""
-    lower: Number
-    """The lower height, over the origin of the frame along `up`."""
-    upper: Number
-    """The upper height."""
+class Prism(BaseVolume, volumes.Prism):
+    """See ``fvs_schema.volumes.Prism``."""
 
     def contains(self, points: Array) -> Mask:
         """See ``BaseVolume``."""

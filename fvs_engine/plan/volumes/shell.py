@@ -1,41 +1,17 @@
 """Shells around an object."""
 
-from typing import Annotated, Literal, Self
+from typing import Self
 
 import numpy as np
-from pydantic import Field
 
 from fvs_engine.geometry import SimilarityTransform
-from fvs_engine.geometry.validation import MAX_COORDINATE
 from fvs_engine.plan.segments import inside_ball, inside_slab
-from fvs_engine.plan.volumes.base import (
-    Array,
-    BaseVolume,
-    Length,
-    Mask,
-    Number,
-    Vector,
-    moved_point,
-    require_extent,
-)
+from fvs_engine.plan.volumes.base import Array, BaseVolume, Mask, moved_point, require_extent
+from fvs_schema import volumes
 
 
-class Shell(BaseVolume):
-    """Around an object: between the distances ``inner`` and ``outer`` from its ``centre``.
-
-    ``above``: only from this height over the centre, along ``up``; it may be negative.
-    """
-
-    kind: Literal["shell"] = "shell"
-    """The volume's name."""
-    centre: Vector
-    """The middle of the object."""
-    inner: Annotated[float, Field(strict=True, ge=0.0, le=MAX_COORDINATE)]
-    """The least distance from it."""
-    outer: Length
-    """The greatest distance from it."""
-    above: Number | None = None
-    """Only from this height over the centre, along `up`; it may be negative. By default at all heights."""
+class Shell(BaseVolume, volumes.Shell):
+    """See ``fvs_schema.volumes.Shell``."""
 
     def contains(self, points: Array) -> Mask:
         """See ``BaseVolume``."""

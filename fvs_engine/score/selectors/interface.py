@@ -8,7 +8,7 @@ from typing import Protocol
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.candidates import CandidateStatus, RankedCandidate
+from fvs_engine.candidates import RankedCandidate
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import view_distances
@@ -21,6 +21,7 @@ from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.views import PinholeView
+from fvs_schema.candidates import CandidateStatus
 
 
 @dataclass(frozen=True, eq=False)

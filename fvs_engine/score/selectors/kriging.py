@@ -5,7 +5,6 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.candidates import CandidateStatus
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.beam_search import plan_way
 from fvs_engine.plan.fleet import FleetPlan
@@ -14,6 +13,7 @@ from fvs_engine.plan.route import StraightLegs, shortest_route
 from fvs_engine.plan.targets import Targets
 from fvs_engine.score import CandidateScore
 from fvs_engine.score.selectors.interface import SelectionContext
+from fvs_schema.candidates import CandidateStatus
 
 TRAVEL = 1e-4
 """Price of travel, in variance per spread of the targets: some 0.002 dB. It orders planned views."""

@@ -25,6 +25,45 @@ class JobState(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     JOB_STATE_FAILED: _ClassVar[JobState]
     JOB_STATE_CANCELED: _ClassVar[JobState]
 
+class Stage(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    STAGE_UNSPECIFIED: _ClassVar[Stage]
+    STAGE_START: _ClassVar[Stage]
+    STAGE_RESTORE: _ClassVar[Stage]
+    STAGE_IMAGES: _ClassVar[Stage]
+    STAGE_NORMALISE: _ClassVar[Stage]
+    STAGE_COMPILE: _ClassVar[Stage]
+    STAGE_FIRST_MODEL: _ClassVar[Stage]
+    STAGE_FEATURES: _ClassVar[Stage]
+    STAGE_PAIRS: _ClassVar[Stage]
+    STAGE_MATCHING: _ClassVar[Stage]
+    STAGE_CALIBRATION: _ClassVar[Stage]
+    STAGE_GLOBAL_MAPPING: _ClassVar[Stage]
+    STAGE_INCREMENTAL_MAPPING: _ClassVar[Stage]
+    STAGE_REGISTRATION: _ClassVar[Stage]
+    STAGE_LOCALISATION: _ClassVar[Stage]
+    STAGE_TRIANGULATION: _ClassVar[Stage]
+    STAGE_EVIDENCE: _ClassVar[Stage]
+    STAGE_UNDISTORT: _ClassVar[Stage]
+    STAGE_LOAD: _ClassVar[Stage]
+    STAGE_EVALUATE: _ClassVar[Stage]
+    STAGE_QUICK_TRAINING: _ClassVar[Stage]
+    STAGE_QUICK_SNAPSHOT: _ClassVar[Stage]
+    STAGE_TRAINING: _ClassVar[Stage]
+    STAGE_SNAPSHOT: _ClassVar[Stage]
+    STAGE_COMMIT: _ClassVar[Stage]
+    STAGE_SELECT: _ClassVar[Stage]
+    STAGE_EXPERIMENT: _ClassVar[Stage]
+    STAGE_CALIBRATE: _ClassVar[Stage]
+    STAGE_PHOTOGRAPHS: _ClassVar[Stage]
+    STAGE_COVERAGE: _ClassVar[Stage]
+    STAGE_INFORMATION: _ClassVar[Stage]
+    STAGE_FEASIBILITY: _ClassVar[Stage]
+    STAGE_ESTIMATE: _ClassVar[Stage]
+    STAGE_SCORE: _ClassVar[Stage]
+    STAGE_RENDER: _ClassVar[Stage]
+    STAGE_CONTACT_SHEET: _ClassVar[Stage]
+
 class WaitReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     WAIT_REASON_UNSPECIFIED: _ClassVar[WaitReason]
@@ -43,6 +82,42 @@ JOB_STATE_RUNNING: JobState
 JOB_STATE_SUCCEEDED: JobState
 JOB_STATE_FAILED: JobState
 JOB_STATE_CANCELED: JobState
+STAGE_UNSPECIFIED: Stage
+STAGE_START: Stage
+STAGE_RESTORE: Stage
+STAGE_IMAGES: Stage
+STAGE_NORMALISE: Stage
+STAGE_COMPILE: Stage
+STAGE_FIRST_MODEL: Stage
+STAGE_FEATURES: Stage
+STAGE_PAIRS: Stage
+STAGE_MATCHING: Stage
+STAGE_CALIBRATION: Stage
+STAGE_GLOBAL_MAPPING: Stage
+STAGE_INCREMENTAL_MAPPING: Stage
+STAGE_REGISTRATION: Stage
+STAGE_LOCALISATION: Stage
+STAGE_TRIANGULATION: Stage
+STAGE_EVIDENCE: Stage
+STAGE_UNDISTORT: Stage
+STAGE_LOAD: Stage
+STAGE_EVALUATE: Stage
+STAGE_QUICK_TRAINING: Stage
+STAGE_QUICK_SNAPSHOT: Stage
+STAGE_TRAINING: Stage
+STAGE_SNAPSHOT: Stage
+STAGE_COMMIT: Stage
+STAGE_SELECT: Stage
+STAGE_EXPERIMENT: Stage
+STAGE_CALIBRATE: Stage
+STAGE_PHOTOGRAPHS: Stage
+STAGE_COVERAGE: Stage
+STAGE_INFORMATION: Stage
+STAGE_FEASIBILITY: Stage
+STAGE_ESTIMATE: Stage
+STAGE_SCORE: Stage
+STAGE_RENDER: Stage
+STAGE_CONTACT_SHEET: Stage
 WAIT_REASON_UNSPECIFIED: WaitReason
 WAIT_REASON_QUEUE: WaitReason
 WAIT_REASON_SCENE: WaitReason
@@ -111,7 +186,7 @@ class JobRequest(_message.Message):
     test_every: int
     def __init__(self, kind: _Optional[_Union[JobKind, str]] = ..., iterations: _Optional[int] = ..., long_side_px: _Optional[int] = ..., test_every: _Optional[int] = ...) -> None: ...
 
-class JobError(_message.Message):
+class JobFailure(_message.Message):
     __slots__ = ("code", "message", "hint", "retryable", "stage")
     CODE_FIELD_NUMBER: _ClassVar[int]
     MESSAGE_FIELD_NUMBER: _ClassVar[int]
@@ -122,10 +197,10 @@ class JobError(_message.Message):
     message: str
     hint: str
     retryable: bool
-    stage: str
-    def __init__(self, code: _Optional[str] = ..., message: _Optional[str] = ..., hint: _Optional[str] = ..., retryable: _Optional[bool] = ..., stage: _Optional[str] = ...) -> None: ...
+    stage: Stage
+    def __init__(self, code: _Optional[str] = ..., message: _Optional[str] = ..., hint: _Optional[str] = ..., retryable: _Optional[bool] = ..., stage: _Optional[_Union[Stage, str]] = ...) -> None: ...
 
-class Waiting(_message.Message):
+class JobWaiting(_message.Message):
     __slots__ = ("place", "reason", "message", "eta_s")
     PLACE_FIELD_NUMBER: _ClassVar[int]
     REASON_FIELD_NUMBER: _ClassVar[int]
@@ -161,19 +236,19 @@ class Job(_message.Message):
     kind: JobKind
     request: JobRequest
     state: JobState
-    stage: str
+    stage: Stage
     progress: float
     eta_s: float
-    waiting: Waiting
+    waiting: JobWaiting
     attempt: int
     cancel_requested: bool
     warnings: _containers.RepeatedScalarFieldContainer[str]
-    error: JobError
+    error: JobFailure
     snapshot_id: str
     created_at: _timestamp_pb2.Timestamp
     started_at: _timestamp_pb2.Timestamp
     finished_at: _timestamp_pb2.Timestamp
-    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., kind: _Optional[_Union[JobKind, str]] = ..., request: _Optional[_Union[JobRequest, _Mapping]] = ..., state: _Optional[_Union[JobState, str]] = ..., stage: _Optional[str] = ..., progress: _Optional[float] = ..., eta_s: _Optional[float] = ..., waiting: _Optional[_Union[Waiting, _Mapping]] = ..., attempt: _Optional[int] = ..., cancel_requested: _Optional[bool] = ..., warnings: _Optional[_Iterable[str]] = ..., error: _Optional[_Union[JobError, _Mapping]] = ..., snapshot_id: _Optional[str] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., started_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., finished_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
+    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., kind: _Optional[_Union[JobKind, str]] = ..., request: _Optional[_Union[JobRequest, _Mapping]] = ..., state: _Optional[_Union[JobState, str]] = ..., stage: _Optional[_Union[Stage, str]] = ..., progress: _Optional[float] = ..., eta_s: _Optional[float] = ..., waiting: _Optional[_Union[JobWaiting, _Mapping]] = ..., attempt: _Optional[int] = ..., cancel_requested: _Optional[bool] = ..., warnings: _Optional[_Iterable[str]] = ..., error: _Optional[_Union[JobFailure, _Mapping]] = ..., snapshot_id: _Optional[str] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., started_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., finished_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
 
 class JobList(_message.Message):
     __slots__ = ("items", "next")

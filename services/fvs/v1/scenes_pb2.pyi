@@ -195,7 +195,7 @@ class ImageCounts(_message.Message):
     def __init__(self, received: _Optional[int] = ..., accepted: _Optional[int] = ..., rejected: _Optional[int] = ..., pending: _Optional[int] = ..., excluded: _Optional[int] = ..., quarantined: _Optional[int] = ...) -> None: ...
 
 class Scene(_message.Message):
-    __slots__ = ("id", "name", "world", "origin", "camera", "policy", "retention", "images", "snapshot_id", "alignment", "created_at", "etag")
+    __slots__ = ("id", "name", "world", "origin", "camera", "policy", "retention", "image_counts", "snapshot_id", "alignment", "created_at", "etag")
     ID_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
     WORLD_FIELD_NUMBER: _ClassVar[int]
@@ -203,7 +203,7 @@ class Scene(_message.Message):
     CAMERA_FIELD_NUMBER: _ClassVar[int]
     POLICY_FIELD_NUMBER: _ClassVar[int]
     RETENTION_FIELD_NUMBER: _ClassVar[int]
-    IMAGES_FIELD_NUMBER: _ClassVar[int]
+    IMAGE_COUNTS_FIELD_NUMBER: _ClassVar[int]
     SNAPSHOT_ID_FIELD_NUMBER: _ClassVar[int]
     ALIGNMENT_FIELD_NUMBER: _ClassVar[int]
     CREATED_AT_FIELD_NUMBER: _ClassVar[int]
@@ -215,12 +215,12 @@ class Scene(_message.Message):
     camera: CameraPrior
     policy: Policy
     retention: Retention
-    images: ImageCounts
+    image_counts: ImageCounts
     snapshot_id: str
     alignment: _poses_pb2.Alignment
     created_at: _timestamp_pb2.Timestamp
     etag: str
-    def __init__(self, id: _Optional[str] = ..., name: _Optional[str] = ..., world: _Optional[_Union[World, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ..., camera: _Optional[_Union[CameraPrior, _Mapping]] = ..., policy: _Optional[_Union[Policy, _Mapping]] = ..., retention: _Optional[_Union[Retention, _Mapping]] = ..., images: _Optional[_Union[ImageCounts, _Mapping]] = ..., snapshot_id: _Optional[str] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., etag: _Optional[str] = ...) -> None: ...
+    def __init__(self, id: _Optional[str] = ..., name: _Optional[str] = ..., world: _Optional[_Union[World, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ..., camera: _Optional[_Union[CameraPrior, _Mapping]] = ..., policy: _Optional[_Union[Policy, _Mapping]] = ..., retention: _Optional[_Union[Retention, _Mapping]] = ..., image_counts: _Optional[_Union[ImageCounts, _Mapping]] = ..., snapshot_id: _Optional[str] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., etag: _Optional[str] = ...) -> None: ...
 
 class SceneList(_message.Message):
     __slots__ = ("items", "next")

@@ -446,7 +446,7 @@ class CandidateRender(_message.Message):
     png: bytes
     def __init__(self, png: _Optional[bytes] = ...) -> None: ...
 
-class CandidateRequest(_message.Message):
+class Candidate(_message.Message):
     __slots__ = ("id", "pose")
     ID_FIELD_NUMBER: _ClassVar[int]
     POSE_FIELD_NUMBER: _ClassVar[int]
@@ -457,8 +457,8 @@ class CandidateRequest(_message.Message):
 class CandidateList(_message.Message):
     __slots__ = ("items",)
     ITEMS_FIELD_NUMBER: _ClassVar[int]
-    items: _containers.RepeatedCompositeFieldContainer[CandidateRequest]
-    def __init__(self, items: _Optional[_Iterable[_Union[CandidateRequest, _Mapping]]] = ...) -> None: ...
+    items: _containers.RepeatedCompositeFieldContainer[Candidate]
+    def __init__(self, items: _Optional[_Iterable[_Union[Candidate, _Mapping]]] = ...) -> None: ...
 
 class Orbit(_message.Message):
     __slots__ = ("count", "radius_m", "height_m", "centre")

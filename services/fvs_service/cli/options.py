@@ -21,8 +21,8 @@ def settings_of(**given: object) -> "Settings":
     """The settings from the environment and the given ones; ends the program when they are not valid."""
     from pydantic import ValidationError
 
+    from fvs_schema.mistakes import plain_message, sentence
     from fvs_service.environment import PREFIX
-    from fvs_service.gateway.plain_messages import plain_message, sentence
     from fvs_service.settings import Settings
 
     try:

@@ -6,8 +6,8 @@ from sqlalchemy import delete, func, select
 from sqlalchemy.orm import Session
 
 from fvs_service.events.repository import last_number
-from fvs_service.model import now
 from fvs_service.settings import Retention
+from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database
 from fvs_service.storage.tables import EventRow, SceneRow
 

@@ -5,8 +5,8 @@ from datetime import datetime, timedelta
 
 from sqlalchemy import ColumnElement, CursorResult, delete, func, select
 
-from fvs_service.model import now
 from fvs_service.settings import Retention
+from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database
 from fvs_service.storage.tables import IdempotencyRow
 

@@ -6,8 +6,8 @@ from sqlalchemy import ColumnElement, delete, exists, func, or_, select
 from sqlalchemy.orm import Session
 
 from fvs_service.jobs.repository import OPEN
-from fvs_service.model import now
 from fvs_service.settings import Retention
+from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database
 from fvs_service.storage.tables import JobRow, JobStageRow, SnapshotRow
 

@@ -7,12 +7,11 @@ from datetime import datetime, timedelta
 from sqlalchemy import ColumnElement, or_, select
 from sqlalchemy.orm import Session
 
+from fvs_schema.scenes import SceneRequest
 from fvs_service.deletion import rows
 from fvs_service.deletion.service import open_job_ids
-from fvs_service.model import now
-from fvs_service.scenes.model import SceneRequest
 from fvs_service.settings import Retention
-from fvs_service.storage.clock import now_ms
+from fvs_service.storage.clock import now, now_ms
 from fvs_service.storage.database import Database
 from fvs_service.storage.tables import PlanRow, RankingRow, SceneRow, SnapshotRow
 

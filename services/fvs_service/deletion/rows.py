@@ -10,7 +10,7 @@ from sqlalchemy import ColumnElement, delete, select
 from sqlalchemy import Table as SqlTable
 from sqlalchemy.orm import Session
 
-from fvs_service.events.model import EventKind
+from fvs_schema.events import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.storage.blob_keys import artifact_key, manifest_key, ranking_prefix, scene_prefix
 from fvs_service.storage.removals import remove_later

@@ -9,9 +9,9 @@ from fvs_service.application import Storage
 from fvs_service.doctor import blobs, folders
 from fvs_service.doctor.finding import Finding
 from fvs_service.jobs.repository import OPEN
-from fvs_service.model import now
 from fvs_service.settings import Settings
 from fvs_service.storage.blobs import Blobs
+from fvs_service.storage.clock import now
 from fvs_service.storage.tables import JobRow, WorkerRow
 
 

@@ -13,10 +13,10 @@ import structlog
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from fvs_schema.events import Event, EventKind
 from fvs_service.auth import Keys
 from fvs_service.concurrency import ConcurrencyLimit
 from fvs_service.errors import ServiceError
-from fvs_service.events.model import Event, EventKind
 from fvs_service.events.repository import events_after, last_number
 from fvs_service.principal import Principal, Scope
 from fvs_service.storage.database import Database

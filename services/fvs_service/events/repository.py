@@ -6,8 +6,8 @@ from typing import Any
 from sqlalchemy import delete, func, insert, select, text
 from sqlalchemy.orm import Session
 
-from fvs_service.events.model import Event, EventKind
-from fvs_service.model import now
+from fvs_schema.events import Event, EventKind
+from fvs_service.storage.clock import now
 from fvs_service.storage.commit_hooks import before_commit
 from fvs_service.storage.database import lock
 from fvs_service.storage.notifications import Topic, announce

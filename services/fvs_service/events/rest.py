@@ -8,9 +8,9 @@ from fastapi import Header, Query, Request, Response
 from fastapi.responses import StreamingResponse
 from starlette.concurrency import run_in_threadpool
 
+from fvs_schema.events import Event
 from fvs_service.errors import UnauthenticatedError
 from fvs_service.events.feed import EventFeed
-from fvs_service.events.model import Event
 from fvs_service.gateway.rest.dependencies import Caller, Counters, Feed, SceneId
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.principal import Principal

@@ -5,10 +5,10 @@ from contextlib import aclosing, suppress
 
 from anyio.to_thread import run_sync
 
+from fvs_schema.events import EventKind
+from fvs_schema.jobs import Job
 from fvs_service.application import Application
 from fvs_service.events.feed import EventFeed
-from fvs_service.events.model import EventKind
-from fvs_service.jobs.model import Job
 from fvs_service.principal import Principal
 from fvs_service.telemetry import Metrics
 

@@ -3,9 +3,10 @@
 import shutil
 from collections.abc import Sequence
 
+from fvs_schema.service import WorkerStatus
 from fvs_service.application import Application
 from fvs_service.errors import OutOfSpaceError, UnavailableError
-from fvs_service.jobs.fleet import WorkerStatus, workers_of
+from fvs_service.jobs.fleet import workers_of
 
 
 def require_ready(app: Application, workers: int = 0) -> None:

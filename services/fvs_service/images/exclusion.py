@@ -8,11 +8,11 @@ from collections.abc import Mapping
 
 from sqlalchemy.orm import Session
 
+from fvs_schema.events import EventKind
+from fvs_schema.images import Image, Registration, Verdict
 from fvs_service.errors import ConflictError, NotFoundError
-from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.images import repository
-from fvs_service.images.model import Image, Registration, Verdict
 from fvs_service.jobs.service import Jobs
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.lease import Lease, require_lease

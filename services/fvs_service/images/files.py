@@ -8,8 +8,8 @@ import re
 from collections.abc import Iterable
 from pathlib import Path
 
+from fvs_schema.images import Image
 from fvs_service.errors import NotFoundError
-from fvs_service.images.model import Image
 from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.blobs import Blobs
 

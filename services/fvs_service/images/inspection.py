@@ -21,7 +21,8 @@ from fvs_engine.images.limits import (
 )
 from fvs_engine.images.metadata import PhotographPriors, read_priors
 from fvs_engine.images.pixels import decode
-from fvs_service.images.model import ImageWarning, Verdict
+from fvs_schema.images import ImageWarning, Verdict
+from fvs_schema.service import Limits
 
 SHARP = 0.25
 """Images below this ``sharpness`` are blurred: photographs of ten scenes have 0.5 to 3.0, and 0.07 to 0.18
@@ -32,6 +33,17 @@ _REDUCING_GAP = 1.5
 the time, and changes the sharpness by a few per cent."""
 _BAND_ROWS = 256
 """Rows that are hashed at a time."""
+
+
+def image_limits(limits: Limits) -> ImageLimits:
+    """The limits of one image."""
+    return ImageLimits(
+        max_pixels=limits.image_pixels,
+        min_side_px=limits.image_min_side_px,
+        max_side_px=limits.image_max_side_px,
+        max_aspect_ratio=limits.image_max_aspect_ratio,
+        max_decoding_bytes=limits.image_decoding_bytes,
+    )
 
 
 _VERDICTS: tuple[tuple[type[UnusableImageError], Verdict], ...] = (

@@ -17,8 +17,8 @@ from pebble import ProcessExpired, ProcessPool
 
 from fvs_engine.child_process import end_with_parent
 from fvs_engine.images.limits import ImageLimits
+from fvs_schema.images import Verdict
 from fvs_service.images.inspection import Inspection, inspect
-from fvs_service.images.model import Verdict
 
 _log = structlog.get_logger()
 

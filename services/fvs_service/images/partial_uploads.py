@@ -16,8 +16,10 @@ from pathlib import Path
 
 import structlog
 
+from fvs_schema.base import Model, Timestamp
+from fvs_schema.names import Digest
+from fvs_schema.quantities import Count
 from fvs_service.errors import ConflictError, NotFoundError
-from fvs_service.model import Count, Digest, Model, Timestamp
 
 _SUFFIX = ".part"
 

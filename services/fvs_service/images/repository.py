@@ -5,7 +5,7 @@ from collections.abc import Collection, Iterable, Mapping
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
-from fvs_service.images.model import Image, KnownImage, Registration, Verdict
+from fvs_schema.images import Image, KnownImage, Registration, Verdict
 from fvs_service.storage.tables import ImageRow, SceneRow
 
 _HEX = len("sha256:")

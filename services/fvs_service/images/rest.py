@@ -9,6 +9,16 @@ from fastapi import Depends, Header, Path, Query, Request, Response
 from pydantic import ValidationError
 from starlette.concurrency import run_in_threadpool
 
+from fvs_schema.images import (
+    MEDIA_TYPES,
+    DigestAnswer,
+    DigestCheck,
+    Image,
+    ImageList,
+    ImageMetadata,
+    UploadAnswer,
+    UploadItem,
+)
 from fvs_service.application import Application
 from fvs_service.errors import (
     InvalidRequestError,
@@ -30,16 +40,6 @@ from fvs_service.gateway.rest.digests import declared_digest, repr_digest
 from fvs_service.gateway.rest.multipart import UploadedFile, receive_files
 from fvs_service.gateway.rest.ranges import IfRange, RangeHeader, ranged_response
 from fvs_service.gateway.rest.routing import json_router
-from fvs_service.images.model import (
-    MEDIA_TYPES,
-    DigestAnswer,
-    DigestCheck,
-    Image,
-    ImageList,
-    ImageMetadata,
-    UploadAnswer,
-    UploadItem,
-)
 from fvs_service.images.staging import require_digest
 from fvs_service.images.upload_places import UploadPlace
 from fvs_service.principal import Principal

@@ -11,13 +11,13 @@ from pydantic import ValidationError
 from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
+from fvs_schema.images import ImageMetadata
 from fvs_service.errors import (
     MalformedRequestError,
     ProtocolVersionError,
     UnsupportedMediaTypeError,
 )
 from fvs_service.gateway.validation import invalid_body
-from fvs_service.images.model import ImageMetadata
 
 if TYPE_CHECKING:
     from hashlib import _Hash

@@ -19,10 +19,12 @@ from typing import Protocol
 from pydantic import ValidationError
 
 from fvs_engine.files.atomic import write_text_atomically
+from fvs_schema.base import Model
+from fvs_schema.images import ImageMetadata
+from fvs_schema.names import Digest
+from fvs_schema.quantities import Count
 from fvs_service.errors import LimitExceededError, NotFoundError, PayloadTooLargeError
-from fvs_service.images.model import ImageMetadata
 from fvs_service.images.staging import StagedFile
-from fvs_service.model import Count, Digest, Model
 from fvs_service.storage.blobs import full_disk_as_error
 
 _ID = re.compile(r"^upl_[0-9a-f]{32}$")

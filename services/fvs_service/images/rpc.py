@@ -6,15 +6,15 @@ from anyio.to_thread import run_sync
 from fvs.v1 import images_pb2 as pb
 from fvs.v1.downloads_pb2 import DownloadPart
 
+from fvs_schema.base import Page
+from fvs_schema.images import DigestAnswer, DigestCheck, Image, ImageList
 from fvs_service.application import Application
 from fvs_service.gateway.rpc.calls import Call
 from fvs_service.gateway.rpc.conversion import read
 from fvs_service.gateway.rpc.downloads import download
 from fvs_service.gateway.rpc.requests import digest_of, page_of
-from fvs_service.images.model import DigestAnswer, DigestCheck, Image, ImageList
 from fvs_service.images.partial_uploads import Upload
 from fvs_service.images.rpc_uploads import ImageUpload
-from fvs_service.model import Page
 from fvs_service.principal import Principal, Scope
 
 

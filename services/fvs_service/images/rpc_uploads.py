@@ -7,12 +7,12 @@ from anyio.to_thread import run_sync
 from fvs.v1 import images_pb2 as pb
 from google.protobuf.message import Message
 
+from fvs_schema.images import Image, ImageMetadata
 from fvs_service.application import Application
 from fvs_service.errors import InvalidRequestError, MalformedRequestError, OutOfSpaceError
 from fvs_service.gateway.rpc.calls import parsed
 from fvs_service.gateway.rpc.conversion import pick, read, write
 from fvs_service.gateway.upload_pace import UploadPace
-from fvs_service.images.model import Image, ImageMetadata
 from fvs_service.images.partial_uploads import NewUpload
 from fvs_service.images.staging import Receiver, require_digest
 from fvs_service.principal import Principal, Scope

@@ -9,14 +9,10 @@ from collections.abc import Iterator
 
 from sqlalchemy.orm import Session
 
-from fvs_service.errors import ConflictError, FieldError, InvalidRequestError, NotFoundError, UnavailableError
-from fvs_service.events.model import EventKind
-from fvs_service.events.repository import publish
-from fvs_service.images import repository
-from fvs_service.images.files import blob_key
-from fvs_service.images.inspection import Inspection
-from fvs_service.images.inspector import Inspector
-from fvs_service.images.model import (
+from fvs_schema.base import Page
+from fvs_schema.error_codes import FieldError
+from fvs_schema.events import EventKind
+from fvs_schema.images import (
     DigestAnswer,
     DigestCheck,
     Image,
@@ -28,15 +24,21 @@ from fvs_service.images.model import (
     Registration,
     Verdict,
 )
+from fvs_schema.scenes import AltitudeDatum, AutomaticWorld, LocalWorld, Origin, Scene
+from fvs_schema.service import Limits
+from fvs_service.errors import ConflictError, InvalidRequestError, NotFoundError, UnavailableError
+from fvs_service.events.repository import publish
+from fvs_service.images import repository
+from fvs_service.images.files import blob_key
+from fvs_service.images.inspection import Inspection
+from fvs_service.images.inspector import Inspector
 from fvs_service.images.staging import StagedFile
 from fvs_service.jobs.service import Jobs
-from fvs_service.model import Page, now
 from fvs_service.principal import Principal, Scope
-from fvs_service.scenes.model import AltitudeDatum, AutomaticWorld, LocalWorld, Origin, Scene
 from fvs_service.scenes.repository import scene_of, set_origin
-from fvs_service.settings import Limits
 from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.blobs import Blobs
+from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database
 from fvs_service.storage.pages import Cursors, Place, cut
 from fvs_service.storage.removals import ABANDONED_AFTER, has_row, keep, remove_later
@@ -168,7 +170,7 @@ class Images:
         return ImageList(items=tuple(items), next=following)
 
     def _require_room(self, scene: Scene) -> None:
-        if scene.images.received >= self._limits.images_per_scene:
+        if scene.image_counts.received >= self._limits.images_per_scene:
             raise ConflictError(
                 f"The scene has {self._limits.images_per_scene} images; no more are allowed.",
                 hint="Create another scene.",

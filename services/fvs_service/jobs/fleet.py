@@ -5,9 +5,9 @@ from collections.abc import Mapping
 from sqlalchemy import ColumnElement, func, select
 from sqlalchemy.orm import Session
 
-from fvs_service.jobs.model import JobState
+from fvs_schema.jobs import JobState
+from fvs_schema.service import WorkerStatus
 from fvs_service.jobs.repository import OPEN
-from fvs_service.model import Count, Model, Number
 from fvs_service.storage.clock import now_ms
 from fvs_service.storage.tables import JobRow, SceneLeaseRow, WorkerRow
 
@@ -19,29 +19,6 @@ It may only be frozen, so it keeps its jobs."""
 MISSED_LEASES = 3
 """Number of lease durations without a heartbeat after which a worker is dead and others take over its jobs:
 its supervisor would have restarted it long before."""
-
-
-class WorkerStatus(Model):
-    """A worker: whether it is alive, and what it has loaded."""
-
-    id: str
-    """The worker's id."""
-    alive: bool
-    """Whether it sends heartbeats."""
-    heartbeat_age_s: Number
-    """The time since its last heartbeat."""
-    backend: str
-    """The rasteriser that it uses; until its first runner has started the one that it is set to."""
-    slots: Count
-    """How many jobs it runs at once."""
-    disk_full: bool
-    """It takes no jobs until there is room."""
-    work: str
-    """What it does: `sfm`, `training`, or `all`."""
-    runners: Count
-    """Scenes whose model is loaded."""
-    runner_bytes: Count
-    """Resident memory of its runners."""
 
 
 def is_alive() -> ColumnElement[bool]:

@@ -7,17 +7,16 @@ from typing import Any
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
+from fvs_schema.events import EventKind
+from fvs_schema.jobs import Job, JobFailure
 from fvs_schema.stages import Stage
 from fvs_service.disclosure import without_paths
-from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.jobs import repository
-from fvs_service.jobs.model import Job, JobError
 from fvs_service.jobs.states import Move, Mover, move
 from fvs_service.jobs.work import Work
-from fvs_service.model import now
 from fvs_service.scenes.lease import Lease, require_lease
-from fvs_service.storage.clock import now_ms
+from fvs_service.storage.clock import now, now_ms
 from fvs_service.storage.database import Database
 from fvs_service.storage.tables import JobRow, JobStageRow
 
@@ -99,7 +98,7 @@ class Ledger:
         """Record the job as succeeded."""
         self._end(lease, job_id, Move.SUCCEED, progress=1.0)
 
-    def fail(self, lease: Lease, job_id: str, error: JobError) -> None:
+    def fail(self, lease: Lease, job_id: str, error: JobFailure) -> None:
         """Record the job as failed; its owner reads file names in place of paths."""
         readable = {"message": without_paths(error.message), "hint": without_paths(error.hint)}
         document = error.model_copy(update=readable).model_dump(mode="json")

@@ -17,7 +17,7 @@ from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
-from fvs_service.jobs.model import JobKind, WaitReason
+from fvs_schema.jobs import JobKind, WaitReason
 from fvs_service.jobs.work import ALL_WORK, Work
 
 _PATIENCE = 20

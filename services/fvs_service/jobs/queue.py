@@ -10,8 +10,8 @@ from sqlalchemy import ColumnElement, func, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
+from fvs_schema.jobs import JobKind, JobState, WaitReason
 from fvs_service.jobs.fleet import is_alive
-from fvs_service.jobs.model import JobKind, JobState, WaitReason
 from fvs_service.jobs.order import OpenJob, Order
 from fvs_service.jobs.repository import OPEN
 from fvs_service.jobs.states import Move, Mover, Turn, move

@@ -5,9 +5,9 @@ from typing import Any
 from sqlalchemy import func, select, update
 from sqlalchemy.orm import Session
 
+from fvs_schema.jobs import Job, JobFailure, JobKind, JobList, JobPage, JobRequest, JobState
 from fvs_schema.stages import Stage
 from fvs_service.errors import NotFoundError
-from fvs_service.jobs.model import Job, JobError, JobKind, JobList, JobPage, JobRequest, JobState
 from fvs_service.principal import Principal
 from fvs_service.storage.pages import Cursors, newest_first
 from fvs_service.storage.tables import ImageRow, JobRow, JobStageRow
@@ -122,7 +122,7 @@ def to_job(row: JobRow) -> Job:
         attempt=row.attempt,
         cancel_requested=row.cancel_requested,
         warnings=tuple(row.warnings),
-        error=None if row.error is None else JobError.model_validate(row.error),
+        error=None if row.error is None else JobFailure.model_validate(row.error),
         snapshot_id=row.snapshot_id,
         created_at=row.created_at,
         started_at=row.started_at,

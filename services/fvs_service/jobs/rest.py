@@ -4,6 +4,7 @@ from typing import Annotated
 
 from fastapi import Depends, Query, Request, Response
 
+from fvs_schema.jobs import Job, JobList, JobRequest
 from fvs_service.gateway.job_wait import MOST_S, changed_job
 from fvs_service.gateway.rest.bodies import json_body
 from fvs_service.gateway.rest.dependencies import (
@@ -20,7 +21,6 @@ from fvs_service.gateway.rest.dependencies import (
 )
 from fvs_service.gateway.rest.patience import while_connected
 from fvs_service.gateway.rest.routing import json_router
-from fvs_service.jobs.model import Job, JobList, JobRequest
 
 router = json_router("/v1", "jobs")
 

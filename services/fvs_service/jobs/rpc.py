@@ -7,14 +7,15 @@ from anyio.to_thread import run_sync
 from fvs.v1 import jobs_pb2 as pb
 from pydantic import Field
 
+from fvs_schema.base import Model
+from fvs_schema.jobs import Job, JobList, JobPage, JobRequest
+from fvs_schema.quantities import Number
 from fvs_service.application import Application
 from fvs_service.errors import stopping
 from fvs_service.gateway.job_wait import MOST_S, changed_job
 from fvs_service.gateway.rpc.calls import Call
 from fvs_service.gateway.rpc.conversion import pick, read
 from fvs_service.gateway.rpc.requests import idempotency_key, page_of
-from fvs_service.jobs.model import Job, JobList, JobPage, JobRequest
-from fvs_service.model import Model, Number
 from fvs_service.principal import Principal, Scope
 
 

@@ -2,18 +2,18 @@
 
 from sqlalchemy.orm import Session
 
+from fvs_schema.jobs import Job, JobKind, JobList, JobPage, JobRequest, JobState
+from fvs_schema.scenes import Scene, Trigger
+from fvs_schema.service import Limits
 from fvs_service.errors import ConflictError, LimitExceededError, UnfinishedJobError
 from fvs_service.ids import new_id
 from fvs_service.jobs import repository
-from fvs_service.jobs.model import Job, JobKind, JobList, JobPage, JobRequest, JobState
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.states import Move, Mover, move, retry, submit
 from fvs_service.jobs.waiting import with_waiting
-from fvs_service.model import now
 from fvs_service.principal import Principal, Scope
-from fvs_service.scenes.model import Scene, Trigger
 from fvs_service.scenes.repository import scene_of
-from fvs_service.settings import Limits
+from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database, lock
 from fvs_service.storage.idempotency import IdempotencyKey
 from fvs_service.storage.tables import JobRow
@@ -102,7 +102,7 @@ class Jobs:
 
         Called in the transaction that adds an image.
         """
-        policy, counts = scene.policy, scene.images
+        policy, counts = scene.policy, scene.image_counts
         if policy.trigger is Trigger.ON_REQUEST or counts.usable < policy.first:
             return
         due = 1 if policy.trigger is Trigger.EACH_IMAGE or scene.snapshot_id is None else policy.k

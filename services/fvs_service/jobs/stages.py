@@ -4,8 +4,8 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 from fvs_engine.records import Record
+from fvs_schema.jobs import JobKind
 from fvs_schema.stages import Stage
-from fvs_service.jobs.model import JobKind
 
 FIRST_IMAGES = 10
 """The images of a first model: the fewest that usually make a model that ranks."""

@@ -40,13 +40,12 @@ import structlog
 from sqlalchemy import ColumnElement, and_, or_, update
 from sqlalchemy.orm import Session
 
-from fvs_service.events.model import EventKind
+from fvs_schema.events import EventKind
+from fvs_schema.jobs import Job, JobKind, JobRequest, JobState
 from fvs_service.events.repository import delete_progress, publish
-from fvs_service.jobs.model import Job, JobKind, JobRequest, JobState
 from fvs_service.jobs.repository import to_job
 from fvs_service.jobs.work import first_work
-from fvs_service.model import now
-from fvs_service.storage.clock import now_ms
+from fvs_service.storage.clock import now, now_ms
 from fvs_service.storage.commit_hooks import after_commit
 from fvs_service.storage.notifications import Topic, announce
 from fvs_service.storage.tables import JobRow

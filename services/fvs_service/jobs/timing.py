@@ -7,8 +7,8 @@ from sqlalchemy import select
 from sqlalchemy.orm import Session
 
 from fvs_engine.records import Record
+from fvs_schema.jobs import JobKind, JobState
 from fvs_schema.stages import Stage
-from fvs_service.jobs.model import JobKind, JobState
 from fvs_service.jobs.stages import FIRST_IMAGES, JobSize, has_first_model, stage_of_job
 from fvs_service.storage.tables import JobRow, JobStageRow
 

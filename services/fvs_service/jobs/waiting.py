@@ -7,8 +7,8 @@ from statistics import median
 from sqlalchemy import select
 from sqlalchemy.orm import Session
 
+from fvs_schema.jobs import Job, JobKind, JobState, JobWaiting, WaitReason
 from fvs_service.jobs.fleet import is_alive
-from fvs_service.jobs.model import Job, JobKind, JobState, Waiting, WaitReason
 from fvs_service.jobs.order import OpenJob, Order, Place
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.work import Work, work_of
@@ -64,7 +64,7 @@ def with_waiting(session: Session, queue: JobQueue, jobs: Sequence[Job]) -> tupl
 
 def why_it_waits(
     place: Place, order: Order, workers: Workers, usual_s: Mapping[JobKind, float | None]
-) -> Waiting:
+) -> JobWaiting:
     """Why the job at this position waits; ``usual_s`` is the usual duration of a job by kind."""
     if workers.slots == 0:
         reason = WaitReason.NO_WORKER
@@ -78,7 +78,7 @@ def why_it_waits(
             WaitReason.QUEUE,
             _BEFORE.get(place.number - 1, f"{place.number - 1} jobs go first."),
         )
-    return Waiting(
+    return JobWaiting(
         place=place.number, reason=reason, message=message, eta_s=_eta_s(place, order, workers, usual_s)
     )
 

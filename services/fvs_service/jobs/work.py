@@ -6,7 +6,7 @@ fine model is training alone. A job waits for a worker that does what it needs n
 
 from enum import StrEnum
 
-from fvs_service.jobs.model import JobKind
+from fvs_schema.jobs import JobKind
 
 
 class Work(StrEnum):

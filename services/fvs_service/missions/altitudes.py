@@ -3,8 +3,8 @@
 from collections.abc import Container
 from dataclasses import dataclass
 
+from fvs_schema.scenes import AltitudeDatum
 from fvs_service.errors import InvalidRequestError
-from fvs_service.scenes.model import AltitudeDatum
 
 _ABSOLUTE = frozenset({AltitudeDatum.ELLIPSOID, AltitudeDatum.SEA_LEVEL})
 _NAMES = {

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from fvs_engine.geometry import RigidTransform
-from fvs_service.snapshots.model import PinholeIntrinsics
+from fvs_schema.snapshots import PinholeIntrinsics
 
 
 @dataclass(frozen=True)

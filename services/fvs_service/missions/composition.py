@@ -3,12 +3,13 @@
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
-from fvs_service.errors import FieldError, InvalidRequestError
+from fvs_schema.error_codes import FieldError
+from fvs_schema.missions import Finish, MissionOptions
+from fvs_schema.scenes import AltitudeDatum
+from fvs_service.errors import InvalidRequestError
 from fvs_service.missions.altitudes import Altitudes
 from fvs_service.missions.flight import Home, Mission, Waypoint
-from fvs_service.missions.model import Finish, MissionOptions
 from fvs_service.missions.objections import Objections
-from fvs_service.scenes.model import AltitudeDatum
 
 _SAME_M = 0.5
 """Shorter vertical ways are ignored."""

@@ -2,10 +2,8 @@
 
 from collections.abc import Sequence
 from itertools import pairwise
-from typing import TypeAlias
 
-Corner: TypeAlias = tuple[float, float]
-"""Latitude and longitude in degrees."""
+from fvs_schema.missions import Corner
 
 
 class Fence:

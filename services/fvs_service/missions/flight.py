@@ -2,9 +2,8 @@
 
 from dataclasses import dataclass
 
-from fvs_service.missions.fence import Corner
-from fvs_service.missions.model import MissionOptions
-from fvs_service.scenes.model import AltitudeDatum
+from fvs_schema.missions import Corner, MissionOptions
+from fvs_schema.scenes import AltitudeDatum
 
 
 @dataclass(frozen=True)

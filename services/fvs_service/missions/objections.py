@@ -3,12 +3,13 @@
 from collections.abc import Sequence
 from itertools import pairwise
 
-from fvs_service.errors import FieldError, InvalidRequestError
+from fvs_schema.error_codes import FieldError
+from fvs_schema.missions import Corner, Finish, MissionOptions
+from fvs_service.errors import InvalidRequestError
 from fvs_service.missions import gimbal
 from fvs_service.missions.altitudes import Altitudes
-from fvs_service.missions.fence import Corner, Fence
+from fvs_service.missions.fence import Fence
 from fvs_service.missions.flight import Waypoint
-from fvs_service.missions.model import Finish, MissionOptions
 
 _ROUNDING_DEG = 1e-6
 

@@ -6,11 +6,11 @@ from typing import Annotated, Any
 from fastapi import Depends, Query, Response
 from starlette.concurrency import run_in_threadpool
 
+from fvs_schema.missions import MissionFile, MissionOptions, MissionRequest, PlanMissionOptions
 from fvs_service.gateway.rest.bodies import unread_json_body
 from fvs_service.gateway.rest.dependencies import App, Caller, PlanId, RankingId, SceneId, to_read
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.missions.formats.registry import WRITERS
-from fvs_service.missions.model import MissionFile, MissionOptions, MissionRequest, PlanMissionOptions
 from fvs_service.missions.service import ReadRequest
 
 router = json_router("/v1", "missions")

@@ -3,24 +3,20 @@
 from collections.abc import Callable, Sequence
 from typing import TypeAlias
 
-from fvs_service.errors import FieldError, InvalidRequestError, NotFoundError
-from fvs_service.missions.model import (
-    MissionFile,
-    MissionOptions,
-    MissionRequest,
-    MissionView,
-    PlanMissionOptions,
-)
+from fvs_schema.candidates import Candidate
+from fvs_schema.error_codes import FieldError
+from fvs_schema.missions import MissionFile, MissionOptions, MissionRequest, MissionView, PlanMissionOptions
+from fvs_schema.poses import Pose, frame_of
+from fvs_schema.scenes import Alignment, AlignmentStatus
+from fvs_schema.snapshots import PinholeIntrinsics
+from fvs_service.errors import InvalidRequestError, NotFoundError
 from fvs_service.missions.writing import write_mission
 from fvs_service.plans.service import Plans
 from fvs_service.principal import Principal, Scope
-from fvs_service.rankings.model import CandidateRequest
 from fvs_service.rankings.service import Rankings
 from fvs_service.rankings.snapshot_frames import SnapshotFrames
-from fvs_service.scenes.model import Alignment, AlignmentStatus
-from fvs_service.scenes.poses import Pose, WorldFrame, frame_of
+from fvs_service.scenes.poses import WorldFrame
 from fvs_service.scenes.repository import scene_head_of
-from fvs_service.snapshots.model import PinholeIntrinsics
 from fvs_service.storage.database import Database
 
 ReadRequest: TypeAlias = Callable[[], MissionRequest]
@@ -101,7 +97,7 @@ def _way_home(
     return via if len(flown) == len(views) else ()
 
 
-def _given(given: Sequence[CandidateRequest] | None) -> bool:
+def _given(given: Sequence[Candidate] | None) -> bool:
     """Whether candidates were listed, in the world frame or with geodetic poses."""
     return given is not None and all(frame_of(item.pose) != "model" for item in given)
 

@@ -2,17 +2,19 @@
 
 from collections.abc import Sequence
 
-from fvs_service.errors import FieldError, InvalidRequestError
+from fvs_schema.error_codes import FieldError
+from fvs_schema.missions import MissionFile, MissionOptions, MissionView
+from fvs_schema.poses import FramePose, VehiclePose
+from fvs_schema.scenes import AltitudeDatum, Origin
+from fvs_schema.snapshots import PinholeIntrinsics
+from fvs_service.errors import InvalidRequestError
 from fvs_service.missions.altitudes import Altitudes
 from fvs_service.missions.camera_poses import CameraPoses
 from fvs_service.missions.composition import MOST_NAMED, Composer, Leg, Violation
 from fvs_service.missions.flight import Mission, Waypoint
 from fvs_service.missions.formats.registry import WRITERS, MissionWriter, PoseWriter
 from fvs_service.missions.gimbal import levelled
-from fvs_service.missions.model import MissionFile, MissionOptions, MissionView
-from fvs_service.scenes.model import AltitudeDatum, Origin
-from fvs_service.scenes.poses import FramePose, VehiclePose, WorldFrame, require_on_earth
-from fvs_service.snapshots.model import PinholeIntrinsics
+from fvs_service.scenes.poses import WorldFrame, require_on_earth
 
 _OF_EARTH = (
     *("home_latitude_deg", "home_altitude_m", "transit_height_m", "lowest_height_m"),

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import numpy as np
 
 from fvs_engine.geometry import RigidTransform
-from fvs_service.scenes.poses import FramePose, VehiclePose, WorldFrame, frame_of
+from fvs_schema.poses import FramePose, VehiclePose, frame_of
+from fvs_service.scenes.poses import WorldFrame
 
 
 def via(

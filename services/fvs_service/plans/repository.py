@@ -4,9 +4,9 @@ import orjson
 from sqlalchemy import bindparam, insert, select
 from sqlalchemy.orm import Session
 
+from fvs_schema.base import Page
+from fvs_schema.plans import Plan, PlanList, PlanSummary
 from fvs_service.errors import NotFoundError
-from fvs_service.model import Page
-from fvs_service.plans.model import Plan, PlanList, PlanSummary
 from fvs_service.principal import Principal
 from fvs_service.storage.database import Reader
 from fvs_service.storage.pages import Cursors, newest_columns

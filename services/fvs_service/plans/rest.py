@@ -4,6 +4,7 @@ from typing import Annotated
 
 from fastapi import Depends, Request, Response
 
+from fvs_schema.plans import Plan, PlanList, PlanRequest
 from fvs_service.gateway.rest.bodies import unread_json_body
 from fvs_service.gateway.rest.dependencies import (
     App,
@@ -18,7 +19,6 @@ from fvs_service.gateway.rest.dependencies import (
 )
 from fvs_service.gateway.rest.patience import TimeoutS, while_connected
 from fvs_service.gateway.rest.routing import json_router
-from fvs_service.plans.model import Plan, PlanList, PlanRequest
 from fvs_service.plans.service import ReadRequest
 
 router = json_router("/v1", "plans")

@@ -7,19 +7,22 @@ from typing import TypeAlias
 from anyio.to_thread import run_sync
 
 from fvs_engine.geometry import RigidTransform
+from fvs_engine.plan import plan_records
 from fvs_engine.plan import plan_records as engine_records
+from fvs_schema.base import Page
+from fvs_schema.candidates import InVolume, wanted_of
+from fvs_schema.events import EventKind
+from fvs_schema.plans import CandidateTerms, Expectation, Plan, PlanList, PlanRequest, Stop, Tour
+from fvs_schema.service import Limits
+from fvs_schema.snapshots import Snapshot
 from fvs_service.concurrency import ConcurrencyLimit
 from fvs_service.errors import InvalidRequestError
-from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
-from fvs_service.model import Page, now
 from fvs_service.plans import repository
 from fvs_service.plans.in_world import via
-from fvs_service.plans.model import CandidateTerms, Expectation, Plan, PlanList, PlanRequest, Stop, Tour
 from fvs_service.principal import Principal, Scope
-from fvs_service.rankings.in_model import clearance, views_in_volume
-from fvs_service.rankings.model import InVolume, wanted_of
+from fvs_service.rankings.in_model import clearance, require_volumes, views_in_volume
 from fvs_service.rankings.port import PlannedFlight, PlanViews, SceneRunners, UpdateQuality
 from fvs_service.rankings.pose_frames import in_world, poses_in
 from fvs_service.rankings.preparation import TakenPoses, taken_cameras
@@ -28,9 +31,9 @@ from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.lease import find_endpoint
 from fvs_service.scenes.poses import WorldFrame, require_on_earth
 from fvs_service.scenes.repository import SceneHead, scene_head_of
-from fvs_service.settings import Limits
-from fvs_service.snapshots.model import Snapshot
+from fvs_service.snapshots.cameras import usual_camera
 from fvs_service.snapshots.repository import first_snapshots
+from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database, Reader
 from fvs_service.storage.idempotency import IdempotencyKey
 
@@ -119,6 +122,7 @@ class Plans:
         with self._database.querying() as reader:
             scene = scene_head_of(reader, principal, scene_id)
             request = read()
+            require_volumes(request)
             remembered = IdempotencyKey(principal.tenant_id, key, f"plans.create {scene_id}", request)
             earlier = _earlier(reader, principal, remembered)
             if earlier is not None:
@@ -132,7 +136,7 @@ class Plans:
         cameras = self._frames.cameras(snapshot.id)
         generator = request.generator
         self._require_room()
-        camera = cameras.camera.pinhole
+        camera = usual_camera(cameras)
         taken = taken_cameras(frame, taken_poses)
         left: Mapping[str, RigidTransform] = {}
         photographed: frozenset[str] = frozenset()
@@ -235,7 +239,7 @@ def _plan(prepared: _Prepared, flight: PlannedFlight) -> Plan:
                     pose=pose_of[stop.name],
                     distance_m=stop.distance * scale,
                     travel_m=stop.travel * scale,
-                    after=Expectation.of(stop.after),
+                    after=_expectation(stop.after),
                     via=via(stop.via, poses[stop.name], pose_of[stop.name], frame),
                 )
                 for stop in tour.stops
@@ -253,8 +257,8 @@ def _plan(prepared: _Prepared, flight: PlannedFlight) -> Plan:
         snapshot_id=snapshot.id,
         request=request,
         summary=plan.sentence("m" if frame.aligned else "units", scale),
-        now=Expectation.of(plan.now),
-        end=Expectation.of(plan.end),
+        now=_expectation(plan.now),
+        end=_expectation(plan.end),
         tours=tours,
         candidates=_terms(plan, scale),
         photographed=tuple(sorted(prepared.photographed)),
@@ -288,4 +292,14 @@ def _terms(plan: engine_records.Plan, scale: float) -> tuple[CandidateTerms, ...
             median_frequency=term.median_frequency,
         )
         for term in plan.terms[:_MOST_TERMS]
+    )
+
+
+def _expectation(expectation: plan_records.Expectation) -> Expectation:
+    forecast = expectation.forecast
+    return Expectation(
+        variance=expectation.variance,
+        psnr_db=None if forecast is None else forecast.db,
+        low_db=None if forecast is None else forecast.low_db,
+        high_db=None if forecast is None else forecast.high_db,
     )

@@ -11,8 +11,8 @@ from fvs_engine.geometry import (
     matrix_from_quaternion,
     quaternion_from_matrix,
 )
+from fvs_schema.candidates import AroundCurrent, Dataset, Grid, Orbit
 from fvs_service.errors import InvalidRequestError
-from fvs_service.rankings.model import AroundCurrent, Dataset, Grid, Orbit
 from fvs_service.rankings.scene_geometry import SceneGeometry
 
 Array = NDArray[np.float64]

@@ -4,8 +4,9 @@ from collections.abc import Mapping, Sequence
 
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.views import PinholeView
-from fvs_service.rankings.model import CandidateRequest
-from fvs_service.scenes.poses import FramePose, PoseFrame, VehiclePose, WorldFrame, frame_of, require_on_earth
+from fvs_schema.candidates import Candidate
+from fvs_schema.poses import FramePose, PoseFrame, VehiclePose, frame_of
+from fvs_service.scenes.poses import WorldFrame, require_on_earth
 
 
 def in_world(views: Sequence[PinholeView], frame: WorldFrame) -> Mapping[str, RigidTransform]:
@@ -21,7 +22,7 @@ def poses_in(
     frame: WorldFrame,
     names: Sequence[str],
     poses: Mapping[str, RigidTransform],
-    given: Sequence[CandidateRequest],
+    given: Sequence[Candidate],
     wanted: PoseFrame | None,
     current: FramePose | VehiclePose | None,
 ) -> tuple[FramePose | VehiclePose, ...]:

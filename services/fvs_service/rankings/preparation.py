@@ -9,17 +9,18 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine import candidates as engine
-from fvs_engine.candidates import CandidateStatus
 from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_schema.candidates import CandidateStatus, InVolume
+from fvs_schema.poses import FramePose, VehiclePose
+from fvs_schema.rankings import RankingRequest
+from fvs_schema.snapshots import Snapshot
 from fvs_service.principal import Principal
 from fvs_service.rankings.in_model import clearance, views_in_volume
-from fvs_service.rankings.model import InVolume, RankingRequest
 from fvs_service.rankings.port import GenerateViews, RankViews
 from fvs_service.rankings.pose_frames import poses_in
 from fvs_service.rankings.scene_geometry import SceneGeometry
-from fvs_service.scenes.poses import FramePose, VehiclePose, WorldFrame
+from fvs_service.scenes.poses import WorldFrame
 from fvs_service.scenes.repository import SceneHead
-from fvs_service.snapshots.model import Snapshot
 from fvs_service.storage.database import Reader
 from fvs_service.storage.idempotency import IdempotencyKey
 

@@ -4,10 +4,10 @@ import orjson
 from sqlalchemy import bindparam, insert, select
 from sqlalchemy.orm import Session
 
+from fvs_schema.base import Page
+from fvs_schema.rankings import Ranking, RankingList, RankingSummary
 from fvs_service.errors import NotFoundError
-from fvs_service.model import Page
 from fvs_service.principal import Principal
-from fvs_service.rankings.model import Ranking, RankingList, RankingSummary
 from fvs_service.storage.database import Reader
 from fvs_service.storage.pages import Cursors, newest_columns
 from fvs_service.storage.tables import RankingRow, SceneRow, columns_of

@@ -5,6 +5,7 @@ from typing import Annotated
 from fastapi import Depends, Path, Request, Response
 from starlette.concurrency import run_in_threadpool
 
+from fvs_schema.rankings import Ranking, RankingList, RankingRequest
 from fvs_service.gateway.rest.bodies import unread_json_body
 from fvs_service.gateway.rest.dependencies import (
     App,
@@ -18,7 +19,6 @@ from fvs_service.gateway.rest.dependencies import (
 )
 from fvs_service.gateway.rest.patience import TimeoutS, while_connected
 from fvs_service.gateway.rest.routing import json_router
-from fvs_service.rankings.model import Ranking, RankingList, RankingRequest
 from fvs_service.rankings.port import ViewImage
 from fvs_service.rankings.rest_stream import MEDIA_TYPE, ranking_stream
 from fvs_service.rankings.service import ReadRequest

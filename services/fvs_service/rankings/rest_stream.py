@@ -8,10 +8,10 @@ from fastapi.responses import StreamingResponse
 from starlette.concurrency import run_in_threadpool
 from starlette.types import Receive, Scope, Send
 
+from fvs_schema.rankings import RankingPart
 from fvs_service.errors import ServiceError
 from fvs_service.gateway.rest.patience import while_connected
 from fvs_service.gateway.rest.problems import problem_response
-from fvs_service.rankings.model import RankingPart
 from fvs_service.telemetry import Metrics
 
 MEDIA_TYPE = "text/event-stream"

@@ -8,17 +8,17 @@ from anyio.to_thread import run_sync
 from fvs.v1 import views_pb2 as pb
 from google.protobuf.message import Message
 
+from fvs_schema.base import Model, Page
+from fvs_schema.missions import MissionFile, MissionOptions, MissionRequest, PlanMissionOptions
+from fvs_schema.plans import Plan, PlanList, PlanRequest
+from fvs_schema.rankings import Ranking, RankingList, RankingPart, RankingRequest
+from fvs_schema.visits import VisitList, VisitReport
 from fvs_service.application import Application
 from fvs_service.gateway.rpc.calls import Call
 from fvs_service.gateway.rpc.conversion import pick, read
 from fvs_service.gateway.rpc.requests import idempotency_key, page_of
-from fvs_service.missions.model import MissionFile, MissionOptions, MissionRequest, PlanMissionOptions
-from fvs_service.model import Model, Page
-from fvs_service.plans.model import Plan, PlanList, PlanRequest
 from fvs_service.principal import Principal, Scope
-from fvs_service.rankings.model import Ranking, RankingList, RankingPart, RankingRequest
 from fvs_service.rankings.port import ViewImage
-from fvs_service.visits.model import VisitList, VisitReport
 
 RequestT = TypeVar("RequestT", bound=Model)
 

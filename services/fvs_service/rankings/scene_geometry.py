@@ -9,8 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.geometry import RigidTransform, angle_between, level_axes
+from fvs_schema.snapshots import SnapshotCameras
 from fvs_service.scenes.poses import WorldFrame
-from fvs_service.snapshots.model import SnapshotCameras
+from fvs_service.snapshots.cameras import model_from_cameras
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree
@@ -47,7 +48,7 @@ class SceneGeometry:
         corners = np.array([[(low, high)[bit >> axis & 1][axis] for axis in range(3)] for bit in range(8)])
         box = world_from_model.apply(corners) @ level
         return cls(
-            cameras=tuple(world_from_model.move_camera(camera) for camera in cameras.model_from_cameras()),
+            cameras=tuple(world_from_model.move_camera(camera) for camera in model_from_cameras(cameras)),
             centre=world_from_model.apply(cameras.centre),
             level=level,
             lower=box.min(axis=0),

@@ -8,24 +8,27 @@ from typing import TypeAlias
 from anyio.to_thread import run_sync
 
 from fvs_engine import candidates as engine
-from fvs_service.concurrency import ConcurrencyLimit
-from fvs_service.errors import NotFoundError
-from fvs_service.events.model import EventKind
-from fvs_service.events.repository import publish
-from fvs_service.ids import new_id
-from fvs_service.model import Page, now
-from fvs_service.principal import Principal, Scope
-from fvs_service.rankings import repository
-from fvs_service.rankings.model import (
-    InVolume,
+from fvs_schema.base import Page
+from fvs_schema.candidates import InVolume, wanted_of
+from fvs_schema.events import EventKind
+from fvs_schema.poses import Pose
+from fvs_schema.rankings import (
     RankedCandidate,
     Ranking,
     RankingList,
     RankingPart,
     RankingRequest,
     ScoredCandidate,
-    wanted_of,
 )
+from fvs_schema.service import Limits
+from fvs_schema.snapshots import Snapshot
+from fvs_service.concurrency import ConcurrencyLimit
+from fvs_service.errors import NotFoundError
+from fvs_service.events.repository import publish
+from fvs_service.ids import new_id
+from fvs_service.principal import Principal, Scope
+from fvs_service.rankings import repository
+from fvs_service.rankings.in_model import require_volumes
 from fvs_service.rankings.port import RankedViews, RenderView, SceneRunners, ViewImage
 from fvs_service.rankings.pose_frames import in_world
 from fvs_service.rankings.preparation import BegunRanking, PreparedRanking, TakenPoses, taken_cameras
@@ -34,11 +37,11 @@ from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.lease import find_endpoint
 from fvs_service.scenes.poses import WorldFrame
 from fvs_service.scenes.repository import find_scene_head, scene_head_of
-from fvs_service.settings import Limits
-from fvs_service.snapshots.model import Snapshot
+from fvs_service.snapshots.cameras import usual_camera
 from fvs_service.snapshots.repository import snapshot_of
 from fvs_service.storage.blob_keys import ranking_prefix
 from fvs_service.storage.blobs import Blobs
+from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database, Reader
 from fvs_service.storage.idempotency import IdempotencyKey
 from fvs_service.storage.removals import ABANDONED_AFTER, has_row, keep, remove_later
@@ -177,6 +180,7 @@ class Rankings:
         with self._database.querying() as reader:
             scene = scene_head_of(reader, principal, scene_id)
             request = read()
+            require_volumes(request)
             remembered = IdempotencyKey(principal.tenant_id, key, f"rankings.create {scene_id}", request)
             earlier = self._earlier(reader, principal, remembered)
             if earlier is not None:
@@ -197,7 +201,7 @@ class Rankings:
             snapshot=snapshot,
             frame=frame,
             geometry=self._frames.geometry(snapshot.id),
-            camera=self._frames.cameras(snapshot.id).camera.pinhole,
+            camera=usual_camera(self._frames.cameras(snapshot.id)),
             taken=taken_cameras(frame, taken_poses),
             timeout_s=timeout_s,
             remembered=remembered,
@@ -230,7 +234,7 @@ class Rankings:
             iterations=result.iterations,
             gaussians=result.gaussians,
             fallback=result.fallback,
-            candidates=tuple(RankedCandidate.ranked(one, prepared.poses[one.name]) for one in first),
+            candidates=tuple(_ranked(one, prepared.poses[one.name]) for one in first),
             total=len(prepared.poses),
             seconds=result.seconds,
             waited_s=result.waited_s,
@@ -270,7 +274,7 @@ class Rankings:
             snapshot_of(session, principal, ranking.snapshot_id)
             endpoint = find_endpoint(session, scene.id)
         frame = WorldFrame(scene.origin, ranking.alignment)
-        camera = self._frames.cameras(ranking.snapshot_id).camera.pinhole
+        camera = usual_camera(self._frames.cameras(ranking.snapshot_id))
         (view,) = frame.views({candidate.id: frame.world_from_camera(candidate.pose)}, camera)
         model_request = RenderView(
             scene_id=scene.id,
@@ -311,7 +315,33 @@ def _scored(
 ) -> tuple[ScoredCandidate, ...]:
     """Scored candidates in the form that the client requested."""
     poses, distances = prepared.poses, prepared.distances
-    return tuple(ScoredCandidate.of(one, distances.get(one.name), poses[one.name]) for one in scores)
+    return tuple(
+        ScoredCandidate(
+            id=one.name,
+            score=one.score,
+            status=one.status,
+            coverage=one.coverage,
+            estimated=one.estimated,
+            distance_m=distances.get(one.name),
+            pose=poses[one.name],
+        )
+        for one in scores
+    )
+
+
+def _ranked(candidate: engine.RankedCandidate, pose: Pose) -> RankedCandidate:
+    """A ranked candidate with its pose in the frame of the answer."""
+    return RankedCandidate(
+        id=candidate.name,
+        rank=candidate.rank,
+        score=candidate.score,
+        status=candidate.status,
+        coverage=candidate.coverage,
+        estimated=candidate.estimated,
+        distance_m=candidate.distance,
+        chance=candidate.chance,
+        pose=pose,
+    )
 
 
 def _unscored(snapshot: Snapshot) -> RankedViews:

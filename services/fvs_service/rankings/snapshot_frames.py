@@ -7,15 +7,16 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.geometry import RigidTransform
-from fvs_service.errors import FieldError, InvalidRequestError, NoSnapshotError, NotFoundError
+from fvs_schema.candidates import Candidate
+from fvs_schema.error_codes import FieldError
+from fvs_schema.scenes import Origin
+from fvs_schema.snapshots import Snapshot, SnapshotCameras
+from fvs_service.errors import InvalidRequestError, NoSnapshotError, NotFoundError
 from fvs_service.principal import Principal
 from fvs_service.rankings.generators import FromImages, generate
-from fvs_service.rankings.model import CandidateRequest
 from fvs_service.rankings.scene_geometry import SceneGeometry
-from fvs_service.scenes.model import Origin
 from fvs_service.scenes.poses import WorldFrame, require_on_earth
 from fvs_service.scenes.repository import SceneHead
-from fvs_service.snapshots.model import Snapshot, SnapshotCameras
 from fvs_service.snapshots.repository import find_snapshot, snapshot_of
 from fvs_service.snapshots.service import Snapshots
 from fvs_service.storage.database import Database
@@ -75,7 +76,7 @@ class SnapshotFrames:
 
     def candidates(
         self,
-        given: tuple[CandidateRequest, ...] | None,
+        given: tuple[Candidate, ...] | None,
         generator: FromImages | None,
         frame: WorldFrame,
         geometry: SceneGeometry,
@@ -112,7 +113,7 @@ class SnapshotFrames:
             return find_snapshot(session, snapshot_id)
 
 
-def by_id(given: tuple[CandidateRequest, ...], frame: WorldFrame) -> dict[str, RigidTransform]:
+def by_id(given: tuple[Candidate, ...], frame: WorldFrame) -> dict[str, RigidTransform]:
     """The poses of requests: id → world_from_camera."""
     cameras = frame.world_from_cameras([item.pose for item in given])
     return {item.id: camera for item, camera in zip(given, cameras, strict=True)}

@@ -1,50 +1,12 @@
 """Warnings on a ranking: what limits its use, and the remedy."""
 
 from collections.abc import Iterable, Sequence
-from enum import StrEnum
 
-from fvs_engine.candidates import CandidateStatus
 from fvs_engine.plan.plan_records import PlanWarning
 from fvs_engine.plan.registrable import ELSEWHERE, NEARER, few_registrable, none_feasible
-from fvs_service.model import Model
-from fvs_service.scenes.model import Alignment, AlignmentStatus
-
-
-class RankingWarningCode(StrEnum):
-    """The kind of a warning, for programs."""
-
-    ILL_CONDITIONED = "ill-conditioned"
-    """The axes of the world frame may be turned about the line of the cameras."""
-    POSITIONS_UNUSED = "positions-unused"
-    """The positions of the images contradict the model: the world frame is the model's."""
-    FEW_REGISTRABLE = "few-registrable"
-    """Hardly any candidate sees enough of what the images show to be registered."""
-    NONE_FEASIBLE = "none-feasible"
-    """No candidate has a rank: all are in matter, too close to it, or unlikely to be registered."""
-    FEWER_CANDIDATES = "fewer-candidates"
-    """The generator made fewer candidates than requested: the volume has no room for more."""
-    VEHICLE_GROUNDED = "vehicle-grounded"
-    """A vehicle of a plan gets no tour, because it cannot fly to any candidate."""
-    TOO_CLOSE = "too-close"
-    """Some candidates of a plan are inside matter, too close to it or in a no-fly zone, and not planned."""
-    UNREACHABLE = "unreachable"
-    """No way leads to some candidates of a plan: no-fly zones or the model are in the way."""
-    SAME_POSE = "same-pose"
-    """Some candidates of a plan have the pose of another, and are not planned."""
-    NOTHING_IN_VIEW = "nothing-in-view"
-    """None of the planned views shows anything of the model."""
-
-
-class RankingWarning(Model):
-    """What limits the use of a ranking, and the remedy."""
-
-    code: RankingWarningCode
-    """Stable, for programs."""
-    message: str
-    """What limits the use, in a sentence."""
-    hint: str
-    """What to do about it."""
-
+from fvs_schema.candidates import CandidateStatus
+from fvs_schema.rankings import RankingWarning, RankingWarningCode
+from fvs_schema.scenes import Alignment, AlignmentStatus
 
 _ILL_CONDITIONED = RankingWarning(
     code=RankingWarningCode.ILL_CONDITIONED,

@@ -1,11 +1,9 @@
 """Poses on the wire, and their conversion to transforms and views and back: the only place for it."""
 
-import math
 from collections.abc import Mapping, Sequence
-from typing import Annotated, Any, Literal
+from typing import Literal
 
 import numpy as np
-from pydantic import ConfigDict, Discriminator, Tag, ValidationError, field_validator
 
 from fvs_engine.geometry import (
     PinholeCamera,
@@ -22,86 +20,11 @@ from fvs_engine.geometry.geodetic import (
     geodetic_from_enu,
 )
 from fvs_engine.views import PinholeView, View
+from fvs_schema.mistakes import InvalidInput
+from fvs_schema.poses import FramePose, PoseFrame, VehiclePose
+from fvs_schema.quantities import MAX_COORDINATE_M
+from fvs_schema.scenes import Alignment, AlignmentStatus, Origin
 from fvs_service.errors import InvalidRequestError
-from fvs_service.model import Model
-from fvs_service.quantities import (
-    MAX_COORDINATE_M,
-    Altitude,
-    Latitude,
-    Longitude,
-    Quaternion,
-    Tilt,
-    Vector,
-    Yaw,
-)
-from fvs_service.scenes.model import Alignment, AlignmentStatus, AltitudeDatum, Origin
-
-_UNIT_TOLERANCE = 1e-3
-
-
-class FramePose(Model):
-    """A camera's pose: frame_from_camera of an OpenCV camera (x right, y down, z forward)."""
-
-    model_config = ConfigDict(
-        json_schema_extra={
-            "examples": [
-                {"frame": "world", "position": [0.0, 0.0, -3.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}
-            ]
-        }
-    )
-
-    frame: Literal["world", "model"] = "world"
-    """The frame of position and orientation."""
-    position: Vector
-    """The camera's centre, x, y, z."""
-    orientation_wxyz: Quaternion
-    """The rotation from the camera to the frame, a unit quaternion, w first."""
-
-    @field_validator("orientation_wxyz")
-    @classmethod
-    def _unit(cls, value: Quaternion) -> Quaternion:
-        length = math.hypot(*value)
-        if abs(length - 1.0) > _UNIT_TOLERANCE:
-            raise ValueError(f"a unit quaternion, w first; the length of this one is {length:.4g}")
-        return value
-
-
-class VehiclePose(Model):
-    """A camera's pose from a vehicle: yaw clockwise from north, pitch up, roll with the right side down."""
-
-    latitude_deg: Latitude
-    """Geodetic latitude on WGS 84, north positive."""
-    longitude_deg: Longitude
-    """Longitude, east positive."""
-    altitude_m: Altitude
-    """Altitude above `altitude_datum`."""
-    altitude_datum: AltitudeDatum = AltitudeDatum.SEA_LEVEL
-    """What the altitude is measured from; that of the scene."""
-    yaw_deg: Yaw
-    """The camera's heading, clockwise from north."""
-    pitch_deg: Tilt
-    """Up is positive: -90 looks straight down."""
-    roll_deg: Tilt = 0.0
-    """Positive with the right side down."""
-
-
-def _kind_of_pose(value: Any) -> str:
-    geodetic = isinstance(value, VehiclePose) or (isinstance(value, Mapping) and "latitude_deg" in value)
-    return "vehicle" if geodetic else "frame"
-
-
-Pose = Annotated[
-    Annotated[FramePose, Tag("frame")] | Annotated[VehiclePose, Tag("vehicle")], Discriminator(_kind_of_pose)
-]
-
-
-PoseFrame = Literal["world", "model", "geodetic"]
-"""In which frame a pose is given; geodetic is a ``VehiclePose``, the others are a ``FramePose``."""
-
-
-def frame_of(pose: FramePose | VehiclePose) -> PoseFrame:
-    """The frame in which a pose is given."""
-    return "geodetic" if isinstance(pose, VehiclePose) else pose.frame
 
 
 class WorldFrame:
@@ -255,7 +178,7 @@ def _vehicle_pose(world_from_camera: RigidTransform, origin: Origin) -> VehicleP
             pitch_deg=pitch_deg,
             roll_deg=roll_deg,
         )
-    except ValidationError as error:
+    except InvalidInput as error:
         raise InvalidRequestError(
             f"A candidate at an altitude of {position.altitude_m:g} m has no geodetic pose.",
             hint='Choose another generator, or "frame": "world".',

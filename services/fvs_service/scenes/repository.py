@@ -1,5 +1,6 @@
 """Scenes in the database."""
 
+import hashlib
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, TypeAlias
@@ -8,9 +9,7 @@ from pydantic import TypeAdapter
 from sqlalchemy import Row, bindparam, func, select, update
 from sqlalchemy.orm import Session
 
-from fvs_service.errors import NotFoundError
-from fvs_service.principal import Principal
-from fvs_service.scenes.model import (
+from fvs_schema.scenes import (
     Alignment,
     EnuWorld,
     ImageCounts,
@@ -22,6 +21,8 @@ from fvs_service.scenes.model import (
     SceneRequest,
     SceneSize,
 )
+from fvs_service.errors import NotFoundError
+from fvs_service.principal import Principal
 from fvs_service.storage.database import Reader
 from fvs_service.storage.pages import Cursors, newest_first
 from fvs_service.storage.tables import ImageRow, SceneRow, SnapshotArtifactRow, SnapshotRow, columns_of
@@ -200,7 +201,7 @@ def _scene(session: Session, row: SceneRow) -> Scene:
     if row.snapshot_id is not None:
         document = session.scalar(select(SnapshotRow.document).where(SnapshotRow.id == row.snapshot_id))
         alignment = _ALIGNMENT.validate_python((document or {}).get("alignment"))
-    return Scene(
+    scene = Scene(
         id=row.id,
         name=request.name,
         world=request.world,
@@ -208,11 +209,14 @@ def _scene(session: Session, row: SceneRow) -> Scene:
         camera=request.camera,
         policy=request.policy,
         retention=request.retention,
-        images=_counts(session, row.id),
+        image_counts=_counts(session, row.id),
         snapshot_id=row.snapshot_id,
         alignment=alignment,
         created_at=row.created_at,
+        etag="",
     )
+    content = scene.model_dump_json(exclude={"etag"})
+    return scene.model_copy(update={"etag": hashlib.sha256(content.encode()).hexdigest()[:32]})
 
 
 def _counts(session: Session, scene_id: str) -> ImageCounts:

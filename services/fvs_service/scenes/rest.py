@@ -4,6 +4,7 @@ from typing import Annotated, Any
 
 from fastapi import Depends, Response
 
+from fvs_schema.scenes import Scene, SceneChange, SceneList, SceneRequest, SceneSize
 from fvs_service.gateway.rest.bodies import json_body
 from fvs_service.gateway.rest.conditions import Expected, IfNoneMatch, has, not_modified, set_tag
 from fvs_service.gateway.rest.dependencies import (
@@ -17,7 +18,6 @@ from fvs_service.gateway.rest.dependencies import (
     to_operate,
 )
 from fvs_service.gateway.rest.routing import json_router
-from fvs_service.scenes.model import Scene, SceneChange, SceneList, SceneRequest, SceneSize
 
 router = json_router("/v1/scenes", "scenes")
 

@@ -7,15 +7,15 @@ from anyio.to_thread import run_sync
 from fvs.v1 import scenes_pb2 as pb
 from pydantic import Field
 
+from fvs_schema.base import Model
+from fvs_schema.events import Event, EventKind
+from fvs_schema.scenes import Scene, SceneChange, SceneList, ScenePage, SceneRequest, SceneSize
 from fvs_service.application import Application
 from fvs_service.errors import stopping
-from fvs_service.events.model import Event, EventKind
 from fvs_service.gateway.rpc.calls import Call
 from fvs_service.gateway.rpc.conversion import pick, read
 from fvs_service.gateway.rpc.requests import idempotency_key, page_of
-from fvs_service.model import Model
 from fvs_service.principal import Principal, Scope
-from fvs_service.scenes.model import Scene, SceneChange, SceneList, ScenePage, SceneRequest, SceneSize
 
 
 class _Start(Model):

@@ -4,15 +4,15 @@ from collections.abc import Collection
 
 from sqlalchemy.orm import Session
 
+from fvs_schema.events import EventKind
+from fvs_schema.scenes import Scene, SceneChange, SceneList, ScenePage, SceneRequest, SceneSize
+from fvs_schema.service import Limits
 from fvs_service.errors import LimitExceededError, PreconditionFailedError
-from fvs_service.events.model import EventKind
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
-from fvs_service.model import now
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes import repository
-from fvs_service.scenes.model import Scene, SceneChange, SceneList, ScenePage, SceneRequest, SceneSize
-from fvs_service.settings import Limits
+from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database
 from fvs_service.storage.idempotency import IdempotencyKey
 

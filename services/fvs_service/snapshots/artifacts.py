@@ -19,6 +19,15 @@ COLMAP = "colmap.zip"
 ALIGNMENT = "alignment.json"
 """The artifact with the snapshot's ``Alignment``."""
 
+MEDIA_TYPES = {
+    ".ply": "application/ply",
+    ".spz": "application/octet-stream",
+    ".json": "application/json",
+    ".zip": "application/zip",
+    ".safetensors": "application/octet-stream",
+}
+"""By the ending of an artifact's name."""
+
 
 def find_artifact(blobs: Blobs, scene_id: str, snapshot_id: str, name: str) -> str:
     """The blob key of an artifact, for runners, which do not read the database; raises ``NotFoundError``."""

@@ -9,8 +9,8 @@ from fvs_engine.geometry.alignment.attitudes import Attitude
 from fvs_engine.geometry.alignment.positions import GPS_ACCURACY_M
 from fvs_engine.geometry.alignment.world import georeference
 from fvs_engine.geometry.geodetic import GeodeticPosition, enu_from_geodetic
-from fvs_service.images.model import Image, Prior
-from fvs_service.scenes.model import Alignment, AlignmentStatus, Origin, Scene
+from fvs_schema.images import Image, Prior
+from fvs_schema.scenes import Alignment, AlignmentStatus, Origin, Scene
 from fvs_service.scenes.poses import geodetic_origin
 
 

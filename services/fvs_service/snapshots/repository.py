@@ -5,11 +5,11 @@ from collections.abc import Mapping
 from sqlalchemy import and_, func, or_, select, update
 from sqlalchemy.orm import Session
 
+from fvs_schema.base import Page
+from fvs_schema.jobs import JobKind
+from fvs_schema.snapshots import Snapshot, SnapshotList
 from fvs_service.errors import NotFoundError
-from fvs_service.jobs.model import JobKind
-from fvs_service.model import Page
 from fvs_service.principal import Principal
-from fvs_service.snapshots.model import Snapshot, SnapshotList
 from fvs_service.storage.pages import Cursors, newest_first
 from fvs_service.storage.tables import JobRow, SceneRow, SnapshotArtifactRow, SnapshotRow
 

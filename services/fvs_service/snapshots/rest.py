@@ -5,6 +5,7 @@ from typing import Annotated
 from fastapi import Depends, Path
 from fastapi.responses import Response
 
+from fvs_schema.snapshots import Snapshot, SnapshotChange, SnapshotList
 from fvs_service.gateway.rest.bodies import json_body
 from fvs_service.gateway.rest.conditions import IfNoneMatch
 from fvs_service.gateway.rest.dependencies import (
@@ -17,7 +18,7 @@ from fvs_service.gateway.rest.dependencies import (
 )
 from fvs_service.gateway.rest.ranges import IfRange, RangeHeader, ranged_response
 from fvs_service.gateway.rest.routing import json_router
-from fvs_service.snapshots.model import MEDIA_TYPES, Snapshot, SnapshotChange, SnapshotList
+from fvs_service.snapshots.artifacts import MEDIA_TYPES
 
 router = json_router("/v1", "snapshots")
 

@@ -6,14 +6,14 @@ from anyio.to_thread import run_sync
 from fvs.v1 import snapshots_pb2 as pb
 from fvs.v1.downloads_pb2 import DownloadPart
 
+from fvs_schema.base import Page
+from fvs_schema.snapshots import Snapshot, SnapshotChange, SnapshotList
 from fvs_service.application import Application
 from fvs_service.gateway.rpc.calls import Call
 from fvs_service.gateway.rpc.conversion import read
 from fvs_service.gateway.rpc.downloads import download
 from fvs_service.gateway.rpc.requests import page_of
-from fvs_service.model import Page
 from fvs_service.principal import Principal, Scope
-from fvs_service.snapshots.model import Snapshot, SnapshotChange, SnapshotList
 
 
 class SnapshotServicer:

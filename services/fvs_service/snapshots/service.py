@@ -8,22 +8,11 @@ from pathlib import Path
 
 from sqlalchemy.orm import Session
 
-from fvs_service.errors import NotFoundError
-from fvs_service.events.model import EventKind
-from fvs_service.events.repository import publish
-from fvs_service.ids import new_id
-from fvs_service.images.repository import register
-from fvs_service.jobs.ledger import add_warning, attach_snapshot, record_stage
-from fvs_service.jobs.model import Job, JobKind
-from fvs_service.model import Page, now
-from fvs_service.principal import Principal, Scope
-from fvs_service.scenes.lease import Lease, require_lease
-from fvs_service.scenes.model import Alignment
-from fvs_service.scenes.repository import find_scene_head, scene_of, set_snapshot
-from fvs_service.snapshots import repository
-from fvs_service.snapshots.artifacts import ALIGNMENT, CAMERAS, COLMAP, GAUSSIANS
-from fvs_service.snapshots.model import (
-    MEDIA_TYPES,
+from fvs_schema.base import Page
+from fvs_schema.events import EventKind
+from fvs_schema.jobs import Job, JobKind
+from fvs_schema.scenes import Alignment
+from fvs_schema.snapshots import (
     Artifact,
     Snapshot,
     SnapshotCameras,
@@ -31,8 +20,19 @@ from fvs_service.snapshots.model import (
     SnapshotList,
     SnapshotMetrics,
 )
+from fvs_service.errors import NotFoundError
+from fvs_service.events.repository import publish
+from fvs_service.ids import new_id
+from fvs_service.images.repository import register
+from fvs_service.jobs.ledger import add_warning, attach_snapshot, record_stage
+from fvs_service.principal import Principal, Scope
+from fvs_service.scenes.lease import Lease, require_lease
+from fvs_service.scenes.repository import find_scene_head, scene_of, set_snapshot
+from fvs_service.snapshots import repository
+from fvs_service.snapshots.artifacts import ALIGNMENT, CAMERAS, COLMAP, GAUSSIANS, MEDIA_TYPES
 from fvs_service.storage.blob_keys import artifact_key, manifest_key
 from fvs_service.storage.blobs import Blobs
+from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database
 from fvs_service.storage.removals import ABANDONED_AFTER, keep, lock_scene, remove_later
 from fvs_service.storage.tables import JobStageRow

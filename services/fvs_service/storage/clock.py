@@ -1,5 +1,6 @@
-"""The clock of the database."""
+"""The clocks of this machine and of the database."""
 
+from datetime import UTC, datetime
 from typing import Any
 
 from sqlalchemy import BigInteger
@@ -23,3 +24,8 @@ def _now_ms_sqlite(_element: now_ms, _compiler: SQLCompiler, **_options: Any) ->
 @compiles(now_ms, "postgresql")
 def _now_ms_postgresql(_element: now_ms, _compiler: SQLCompiler, **_options: Any) -> str:
     return "CAST(extract(epoch from clock_timestamp()) * 1000 AS BIGINT)"
+
+
+def now() -> datetime:
+    """The current time in UTC."""
+    return datetime.now(UTC)

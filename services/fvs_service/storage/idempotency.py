@@ -7,8 +7,9 @@ from typing import TypeVar
 from sqlalchemy import bindparam, insert, select
 from sqlalchemy.orm import Session
 
+from fvs_schema.base import Model
 from fvs_service.errors import GoneError, KeyReusedError, NotFoundError
-from fvs_service.model import Model, now
+from fvs_service.storage.clock import now
 from fvs_service.storage.database import Reader
 from fvs_service.storage.tables import IdempotencyRow, columns_of
 

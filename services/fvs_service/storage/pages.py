@@ -15,8 +15,9 @@ from typing import Any, NamedTuple, TypeVar
 from sqlalchemy import Row, Select
 from sqlalchemy.orm import Session
 
-from fvs_service.errors import FieldError, InvalidRequestError
-from fvs_service.model import Page
+from fvs_schema.base import Page
+from fvs_schema.error_codes import FieldError
+from fvs_service.errors import InvalidRequestError
 from fvs_service.storage.tables import Recorded
 
 T = TypeVar("T")

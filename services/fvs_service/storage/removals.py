@@ -13,9 +13,9 @@ from sqlalchemy import Select, delete, exists, select, tuple_
 from sqlalchemy.orm import Session
 
 from fvs_service.errors import StorageRefusedError, StorageUnavailableError
-from fvs_service.model import now
 from fvs_service.storage.blob_keys import scene_prefix
 from fvs_service.storage.blobs import Blobs
+from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database, lock
 from fvs_service.storage.tables import (
     EventRow,

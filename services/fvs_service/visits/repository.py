@@ -6,11 +6,11 @@ from pydantic import TypeAdapter
 from sqlalchemy import bindparam, delete, insert, or_, select
 from sqlalchemy.orm import Session
 
-from fvs_service.model import now
-from fvs_service.scenes.poses import FramePose, Pose, VehiclePose
+from fvs_schema.poses import FramePose, Pose, VehiclePose
+from fvs_schema.visits import Visit, VisitState
+from fvs_service.storage.clock import now
 from fvs_service.storage.database import Reader
 from fvs_service.storage.tables import VisitRow, columns_of
-from fvs_service.visits.model import Visit, VisitState
 
 _VISITS = columns_of(VisitRow)
 _CURRENT = (

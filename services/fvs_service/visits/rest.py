@@ -4,10 +4,10 @@ from typing import Annotated
 
 from fastapi import Depends
 
+from fvs_schema.visits import VisitList, VisitReport
 from fvs_service.gateway.rest.bodies import json_body
 from fvs_service.gateway.rest.dependencies import App, Caller, SceneId, to_operate
 from fvs_service.gateway.rest.routing import json_router
-from fvs_service.visits.model import VisitList, VisitReport
 
 router = json_router("/v1", "visits")
 

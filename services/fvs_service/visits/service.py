@@ -4,15 +4,15 @@ from collections.abc import Callable, Mapping
 from datetime import timedelta
 
 from fvs_engine.geometry import RigidTransform
+from fvs_schema.visits import Visit, VisitList, VisitReport, VisitState
 from fvs_service.errors import ConflictError, LimitExceededError
-from fvs_service.model import now
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings.scene_geometry import SceneGeometry
 from fvs_service.rankings.snapshot_frames import SnapshotFrames
 from fvs_service.scenes.poses import WorldFrame
 from fvs_service.scenes.repository import scene_head_of
+from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database
-from fvs_service.visits.model import Visit, VisitList, VisitReport, VisitState
 from fvs_service.visits.repository import numbered_visits_of, put_visits, takes, visits_of
 
 _MOST = 1_000

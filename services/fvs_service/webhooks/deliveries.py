@@ -16,8 +16,8 @@ import structlog
 from sqlalchemy.exc import SQLAlchemyError
 from sqlalchemy.orm import Session
 
+from fvs_schema.events import Event, EventKind
 from fvs_service.errors import ServiceError
-from fvs_service.events.model import Event, EventKind
 from fvs_service.events.repository import events_after
 from fvs_service.storage.database import Database
 from fvs_service.uninterrupted import to_its_end

@@ -8,7 +8,8 @@ from dataclasses import dataclass
 from typing import TypeAlias
 from urllib.parse import urlsplit
 
-from fvs_service.errors import FieldError, InvalidRequestError
+from fvs_schema.error_codes import FieldError
+from fvs_service.errors import InvalidRequestError
 
 Address: TypeAlias = ipaddress.IPv4Address | ipaddress.IPv6Address
 

@@ -12,13 +12,12 @@ from typing import Any
 from sqlalchemy import delete, exists, func, select, update
 from sqlalchemy.orm import Session
 
+from fvs_schema.events import EventKind
+from fvs_schema.webhooks import Webhook, WebhookState
 from fvs_service.errors import NotFoundError
-from fvs_service.events.model import EventKind
-from fvs_service.model import now
 from fvs_service.principal import Principal
-from fvs_service.storage.clock import now_ms
+from fvs_service.storage.clock import now, now_ms
 from fvs_service.storage.tables import EventRow, WebhookRow
-from fvs_service.webhooks.model import Webhook, WebhookState
 
 GIVE_UP_AFTER = timedelta(days=3)
 """A webhook whose deliveries fail for this time is disabled."""

@@ -4,10 +4,10 @@ from typing import Annotated
 
 from fastapi import Depends, Response
 
+from fvs_schema.webhooks import NewWebhook, Webhook, WebhookList, WebhookRequest
 from fvs_service.gateway.rest.bodies import json_body
 from fvs_service.gateway.rest.dependencies import App, Caller, SceneId, WebhookId, set_location, to_operate
 from fvs_service.gateway.rest.routing import json_router
-from fvs_service.webhooks.model import NewWebhook, Webhook, WebhookList, WebhookRequest
 
 router = json_router("/v1", "webhooks")
 

@@ -2,10 +2,10 @@
 
 from fvs.v1 import webhooks_pb2 as pb
 
+from fvs_schema.webhooks import NewWebhook, Webhook, WebhookList, WebhookRequest
 from fvs_service.application import Application
 from fvs_service.gateway.rpc.conversion import read
 from fvs_service.principal import Principal, Scope
-from fvs_service.webhooks.model import NewWebhook, Webhook, WebhookList, WebhookRequest
 
 
 class WebhookServicer:

@@ -1,17 +1,17 @@
 """The operations on webhooks."""
 
+from fvs_schema.webhooks import NewWebhook, Webhook, WebhookList, WebhookRequest
 from fvs_service.errors import LimitExceededError
 from fvs_service.events.repository import last_number
 from fvs_service.ids import new_id
-from fvs_service.model import now
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.repository import scene_head_of
+from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database
 from fvs_service.storage.notifications import Topic, announce
 from fvs_service.storage.tables import WebhookRow
 from fvs_service.webhooks import repository
 from fvs_service.webhooks.destinations import Destinations
-from fvs_service.webhooks.model import NewWebhook, Webhook, WebhookList, WebhookRequest
 from fvs_service.webhooks.sending import new_secret
 
 _MOST = 10

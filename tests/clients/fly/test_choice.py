@@ -8,7 +8,8 @@ from fvs_client import AltitudeDatum, InVolume, Orbit, Shell
 from fvs_client.fly.choice import Choice
 from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.settings import FlightSettings
-from fvs_client.models.scenes import Origin
+
+from fvs_schema.scenes import Origin
 
 VOLUME = InVolume(volume=Shell(centre=(0.0, 0.0, 0.0), inner=3.0, outer=5.0), count=20)
 

@@ -54,7 +54,7 @@ def test_a_retry_reads_the_sidecar_again(
 
 
 def test_a_retry_keeps_what_a_callback_said(outbox: Outbox, tmp_path: Path) -> None:
-    from fvs_client.models.images import ImageMetadata
+    from fvs_schema.images import ImageMetadata
 
     (tmp_path / "1.jpg").write_bytes(b"photograph")
     taken = take(outbox, find_file(tmp_path / "1.jpg"), "scn_1", lambda _: ImageMetadata(yaw_deg=7.0))

@@ -18,19 +18,20 @@ from fvs.v1 import (
 from fvs_service.application import Application
 from fvs_service.gateway.capabilities import capabilities_of
 from fvs_service.gateway.rest.bodies import parse as parse_body
-from fvs_service.images.model import DigestCheck
-from fvs_service.jobs.model import JobPage, JobRequest
-from fvs_service.missions.model import MissionOptions, MissionRequest, PlanMissionOptions
-from fvs_service.model import Page
-from fvs_service.plans.model import PlanRequest
 from fvs_service.principal import Principal
-from fvs_service.rankings.model import RankingRequest
 from fvs_service.rankings.port import ViewImage
-from fvs_service.scenes.model import SceneChange, ScenePage, SceneRequest
-from fvs_service.settings import Limits
-from fvs_service.snapshots.model import SnapshotChange
-from fvs_service.visits.model import VisitReport
-from fvs_service.webhooks.model import WebhookRequest
+
+from fvs_schema.base import Page
+from fvs_schema.images import DigestCheck
+from fvs_schema.jobs import JobPage, JobRequest
+from fvs_schema.missions import MissionOptions, MissionRequest, PlanMissionOptions
+from fvs_schema.plans import PlanRequest
+from fvs_schema.rankings import RankingRequest
+from fvs_schema.scenes import SceneChange, ScenePage, SceneRequest
+from fvs_schema.service import Limits
+from fvs_schema.snapshots import SnapshotChange
+from fvs_schema.visits import VisitReport
+from fvs_schema.webhooks import WebhookRequest
 
 _FILES = (
     capabilities_pb2,

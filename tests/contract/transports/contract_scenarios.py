@@ -3,7 +3,7 @@
 from collections.abc import Callable
 from typing import Any
 
-from fvs_service.scenes.model import Alignment
+from fvs_schema.scenes import Alignment
 
 Compare = Callable[[Callable[[Any], None]], None]
 LOOK = {"frame": "world", "position": [0.0, 0.0, -4.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}

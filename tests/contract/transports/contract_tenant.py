@@ -7,7 +7,8 @@ from typing import Any
 
 from contract_outcome import Outcome
 from contract_transports import Transport, bearer
-from fvs_service.scenes.model import ScenePage
+
+from fvs_schema.scenes import ScenePage
 
 _ID = re.compile(r"\b(scn|job|snp|rnk|pln|key|req|whk)_[0-9a-z]{26}\b")
 _TIME = re.compile(r"^\d{4}-\d\d-\d\dT")

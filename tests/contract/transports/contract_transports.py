@@ -16,9 +16,10 @@ from fvs.v1 import images_pb2
 from fvs_service.errors import ServiceError
 from fvs_service.gateway.rest.bodies import parse as parse_body
 from fvs_service.gateway.rpc.conversion import arguments
-from fvs_service.images.model import ImageMetadata
 from fvs_service.images.staging import require_digest
 from google.protobuf.message_factory import GetMessageClass
+
+from fvs_schema.images import ImageMetadata
 
 DOWNLOADS = {
     "DownloadImage": "/v1/scenes/{scene_id}/images/{digest}/content",

@@ -14,10 +14,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fvs_engine.choices import Method
 from fvs_engine.cli.exit_codes import EXIT_CODES, INTERRUPTED, USAGE
 from fvs_engine.lab.baselines import SELECTORS
 from fvs_engine.splat.ply import read_ply
+from fvs_schema.words import Method
 
 Fvs = Callable[..., Any]
 FvsCommand = Callable[..., list[str]]

@@ -2,9 +2,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fvs_engine.candidates import CandidateStatus, RankedCandidate
+from fvs_engine.candidates import RankedCandidate
 from fvs_engine.errors import InvalidInputError, StorageError
 from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet, log_magnitude
+from fvs_schema.candidates import CandidateStatus
 
 
 def entry(number: int, image: np.ndarray, name: str | None = None) -> SheetEntry:

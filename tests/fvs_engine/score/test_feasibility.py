@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 
-from fvs_engine.candidates import CandidateStatus, RankedCandidate
+from fvs_engine.candidates import RankedCandidate
 from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at
 from fvs_engine.plan.clearance import FreeSpace
 from fvs_engine.plan.familiarity import Observations
@@ -12,6 +12,7 @@ from fvs_engine.plan.volumes import Box
 from fvs_engine.score.feasibility import Assessment, FeasibilityCheck, matter_of
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.views import PinholeView
+from fvs_schema.candidates import CandidateStatus
 
 CAMERA = PinholeCamera(64, 48, 60.0, 60.0, 32.0, 24.0)
 EYES = [np.array([x, 0.0, -4.0]) for x in (-1.0, -0.5, 0.0, 0.5, 1.0)]

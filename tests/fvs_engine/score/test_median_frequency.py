@@ -4,12 +4,12 @@ import numpy as np
 import pytest
 import torch
 
-from fvs_engine.candidates import CandidateStatus
 from fvs_engine.errors import Cancelled, InvalidInputError
 from fvs_engine.geometry import PinholeCamera
 from fvs_engine.monitor import Monitor
 from fvs_engine.score import CandidateScore, MedianFrequency, rank
 from fvs_engine.splat.raster import Rendering, create_rasterizer
+from fvs_schema.candidates import CandidateStatus
 
 
 @pytest.fixture(scope="module")

@@ -7,7 +7,7 @@ import pytest
 import torch
 from threadpoolctl import threadpool_info, threadpool_limits
 
-from fvs_engine.candidates import CandidateScore, CandidateStatus
+from fvs_engine.candidates import CandidateScore
 from fvs_engine.errors import Cancelled, InvalidInputError
 from fvs_engine.geometry import PinholeCamera, look_at
 from fvs_engine.monitor import Monitor, Progress
@@ -15,6 +15,7 @@ from fvs_engine.score import MedianFrequency, MedianFrequencyFast, rank
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_engine.views import PinholeView
+from fvs_schema.candidates import CandidateStatus
 
 CAMERA = PinholeCamera(64, 48, 55.0, 55.0, 32.0, 24.0)
 

@@ -4,9 +4,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fvs_engine.candidates import CandidateStatus
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.score import CandidateScore, rank
+from fvs_schema.candidates import CandidateStatus
 
 
 def ranked(name: str, score: float) -> CandidateScore:

@@ -6,16 +6,16 @@ from pathlib import Path
 import pytest
 from fvs_service.application import open_storage
 from fvs_service.errors import IncompatibleDatabaseError, StorageUnavailableError
-from fvs_service.model import now
 from fvs_service.scenes import repository
-from fvs_service.scenes.model import SceneRequest
 from fvs_service.settings import Settings
 from fvs_service.storage import database as database_module
 from fvs_service.storage.blobs import Blobs
+from fvs_service.storage.clock import now
 from sqlalchemy import text
 from typer.testing import CliRunner, Result
 
 from fvs_engine.cli.app import app
+from fvs_schema.scenes import SceneRequest
 
 _LOOKING = (("doctor",), ("keys", "list"), ("keys", "revoke", "0" * 16))
 

@@ -12,8 +12,8 @@ import pytest
 from fvs_service.doctor.examination import examine
 from fvs_service.errors import StorageUnavailableError
 from fvs_service.images import repository
-from fvs_service.model import now
 from fvs_service.principal import LOCAL_USER
+from fvs_service.storage.clock import now
 from fvs_service.storage.tables import RemovalRow
 from PIL import Image
 from sqlalchemy import select, update

@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from anyio.to_thread import run_sync
 from fvs_service.errors import StaleLeaseError
-from fvs_service.model import now
+from fvs_service.storage.clock import now
 from fvs_service.storage.removals import Removals
 from fvs_service.storage.tables import RemovalRow, Table
 from sqlalchemy import func, select, update

@@ -7,12 +7,13 @@ from typing import Any
 
 import pytest
 from fvs_service.deletion.event_retention import EventRetention
-from fvs_service.events.model import EventKind
 from fvs_service.events.repository import events_after, last_number, publish
-from fvs_service.model import now
 from fvs_service.settings import Retention
+from fvs_service.storage.clock import now
 from fvs_service.storage.tables import EventRow
 from sqlalchemy import update
+
+from fvs_schema.events import EventKind
 
 
 def _retention(gateway: Any, events: int | None = None, event_days: float | None = None) -> EventRetention:

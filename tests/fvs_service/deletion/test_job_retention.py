@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 from fvs_service.deletion.idempotency_retention import IdempotencyRetention
 from fvs_service.deletion.job_retention import JobRetention
-from fvs_service.model import now
 from fvs_service.settings import Retention
+from fvs_service.storage.clock import now
 from fvs_service.storage.tables import IdempotencyRow, JobRow, JobStageRow
 from sqlalchemy import func, select, update
 

@@ -26,21 +26,22 @@ from fvs_service.doctor.examination import examine
 from fvs_service.errors import ConflictError, NotFoundError
 from fvs_service.host.worker.sweep import Sweeps
 from fvs_service.ids import new_id
-from fvs_service.jobs.model import JobKind, JobPage, JobRequest
 from fvs_service.jobs.repository import jobs_of_scene
 from fvs_service.jobs.states import submit
-from fvs_service.model import Page, now
 from fvs_service.principal import LOCAL_USER
 from fvs_service.scenes.lease import Lease
-from fvs_service.scenes.model import Alignment, ScenePage, SceneRequest
 from fvs_service.scenes.repository import scenes_of_tenant
 from fvs_service.scenes.service import Scenes
 from fvs_service.settings import Retention, Settings
-from fvs_service.snapshots.model import SnapshotMetrics
 from fvs_service.snapshots.service import NewSnapshot
+from fvs_service.storage.clock import now
 from fvs_service.storage.tables import RankingRow
 
 from fvs_engine.child_process import end_with_parent
+from fvs_schema.base import Page
+from fvs_schema.jobs import JobKind, JobPage, JobRequest
+from fvs_schema.scenes import Alignment, ScenePage, SceneRequest
+from fvs_schema.snapshots import SnapshotMetrics
 
 pytestmark = [pytest.mark.process, pytest.mark.slow]
 

@@ -6,14 +6,15 @@ from typing import Any
 
 import pytest
 from fvs_service.deletion.retention import RetentionRules
-from fvs_service.jobs.model import JobKind
 from fvs_service.jobs.timing import TIMING_STAGE, JobSize, JobTiming, past_timings
 from fvs_service.jobs.waiting import _usual_s
-from fvs_service.model import now
 from fvs_service.settings import Retention
 from fvs_service.snapshots.repository import with_artifacts
+from fvs_service.storage.clock import now
 from fvs_service.storage.tables import JobRow, JobStageRow, SnapshotArtifactRow, SnapshotRow
 from sqlalchemy import select, update
+
+from fvs_schema.jobs import JobKind
 
 
 def _rank(gateway: Any, scene: str) -> str:

@@ -16,9 +16,9 @@ from fvs_service.doctor.deployment import troubles
 from fvs_service.doctor.examination import examine
 from fvs_service.errors import StorageRefusedError
 from fvs_service.host.worker.heartbeat import Heartbeats
-from fvs_service.model import now
 from fvs_service.settings import Settings
 from fvs_service.storage.blobs import Blobs
+from fvs_service.storage.clock import now
 from fvs_service.storage.owner import OWNER_KEY, claim_store
 from fvs_service.storage.tables import ImageRow, JobRow, RemovalRow, WorkerRow
 from sqlalchemy import delete, update

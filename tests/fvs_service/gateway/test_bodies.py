@@ -12,13 +12,14 @@ from fastapi.routing import APIRoute, iter_route_contexts
 from fvs_service.errors import InvalidRequestError, MalformedRequestError
 from fvs_service.gateway.rest.bodies import parse
 from fvs_service.gateway.rest.routing import JsonRoute
-from fvs_service.images.model import DigestCheck
 from fvs_service.principal import Scope
-from fvs_service.rankings.model import RankingRequest
-from fvs_service.scenes.model import SceneRequest
-from fvs_service.settings import Limits
 from loop_watchdog import ALLOWED_S, watched_loops
 from pydantic import BaseModel
+
+from fvs_schema.images import DigestCheck
+from fvs_schema.rankings import RankingRequest
+from fvs_schema.scenes import SceneRequest
+from fvs_schema.service import Limits
 
 _LIMITS = Limits()
 _MOST = _LIMITS.json_bytes

@@ -13,9 +13,10 @@ from typing import Any
 
 import pytest
 from fvs_service.rankings.port import RankedViews, RankViews
-from fvs_service.scenes.model import Alignment, AlignmentStatus
 
-from fvs_engine.candidates import CandidateStatus, RankedCandidate
+from fvs_engine.candidates import RankedCandidate
+from fvs_schema.candidates import CandidateStatus
+from fvs_schema.scenes import Alignment, AlignmentStatus
 
 ORIGIN = {"latitude_deg": 48.3, "longitude_deg": 7.25, "altitude_m": 400.0}
 FRAME = {"frame": "world", "position": [120.0, 0.5, -4.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}

@@ -4,9 +4,10 @@ from collections import Counter
 from typing import Any
 
 import pytest
-from fvs_service.scenes.model import Alignment, AlignmentStatus
 from hypothesis import HealthCheck, Phase, given, settings
 from hypothesis.errors import Unsatisfiable
+
+from fvs_schema.scenes import Alignment, AlignmentStatus
 
 
 @pytest.fixture(scope="module")

@@ -62,7 +62,7 @@ def test_pages_of_other_origins_change_and_read_nothing(
     assert [(answer.status_code, answer.json()["code"]) for answer in refused] == [
         (403, "foreign-origin")
     ] * 6
-    assert client.get(f"/v1/scenes/{scene}").json()["images"]["received"] == 0
+    assert client.get(f"/v1/scenes/{scene}").json()["image_counts"]["received"] == 0
     assert client.get(f"/v1/jobs/{job}").json()["state"] == "queued"
 
 

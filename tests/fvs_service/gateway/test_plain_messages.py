@@ -4,13 +4,13 @@ from datetime import datetime
 from typing import Annotated, Any, Literal
 
 import pytest
-from fvs_service.gateway.plain_messages import sentence
 from fvs_service.gateway.validation import invalid_body
-from fvs_service.images.model import ImageName
-from fvs_service.model import Digest, Model, Number, Timestamp
-from fvs_service.rankings.model import CandidateId, VehicleName
-from fvs_service.scenes.model import SceneName
 from pydantic import Field, TypeAdapter, ValidationError
+
+from fvs_schema.base import Model, Timestamp
+from fvs_schema.mistakes import sentence
+from fvs_schema.names import CandidateId, Digest, ImageName, SceneName, VehicleName
+from fvs_schema.quantities import Number
 
 
 @pytest.mark.parametrize(

@@ -16,11 +16,11 @@ from fvs_service.host.worker.deleted_images import DeletedImages
 from fvs_service.host.worker.leased_scenes import LeasedScenes
 from fvs_service.host.worker.sweep import Sweeps
 from fvs_service.images.files import file_name
-from fvs_service.images.model import Image
 from fvs_service.settings import Retention
 from sqlalchemy import event
 
 from fvs_engine.files.lock import locked_folder
+from fvs_schema.images import Image
 
 RUNNER = "fvs_service.host.runner.process"
 

@@ -9,10 +9,11 @@ from typing import cast
 import pytest
 from fvs_service.host.worker.dispatcher import Dispatcher
 from fvs_service.host.worker.runner_requests import RunnerRequests
-from fvs_service.jobs.model import JobKind
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.states import Turn
 from sqlalchemy.exc import OperationalError
+
+from fvs_schema.jobs import JobKind
 
 _WITHIN_S = 30
 

@@ -11,16 +11,16 @@ from fvs_service.host.runner.image_files import discard_images, prepare_images
 from fvs_service.host.runner.scene_jobs import SceneJobs
 from fvs_service.ids import new_id
 from fvs_service.images.files import blob_key, with_original_names
-from fvs_service.images.model import Image as SceneImage
-from fvs_service.images.model import Registration, Verdict
-from fvs_service.jobs.model import JobKind, JobRequest
-from fvs_service.model import now
 from fvs_service.settings import WorkerSettings
 from fvs_service.storage.blobs import Blobs
+from fvs_service.storage.clock import now
 from PIL import Image
 
 from fvs_engine.errors import EngineError
 from fvs_engine.monitor import Monitor
+from fvs_schema.images import Image as SceneImage
+from fvs_schema.images import Registration, Verdict
+from fvs_schema.jobs import JobKind, JobRequest
 
 _ORIENTATION = 0x0112
 

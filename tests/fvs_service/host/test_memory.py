@@ -2,8 +2,9 @@ import threading
 import time
 
 from fvs_service.host.worker.memory import MemoryBudget, idle_need_bytes, job_need_bytes, memory_limit_bytes
-from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.settings import WorkerSettings
+
+from fvs_schema.jobs import JobKind, JobRequest
 
 
 def _never() -> bool:

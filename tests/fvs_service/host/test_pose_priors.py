@@ -9,18 +9,18 @@ from fvs_service.host.protocol.messages import RunJob
 from fvs_service.host.runner import scene_jobs
 from fvs_service.host.runner.image_files import PreparedImages
 from fvs_service.host.runner.pose_priors import pose_priors
-from fvs_service.images.model import Image, Prior, PriorSource, Registration, Verdict
-from fvs_service.jobs.model import JobKind, JobRequest
-from fvs_service.model import now
-from fvs_service.scenes.model import AltitudeDatum, CameraPrior, Origin
 from fvs_service.settings import WorkerSettings
 from fvs_service.storage.blobs import Blobs
+from fvs_service.storage.clock import now
 
 from fvs_engine.errors import Cancelled
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.settings import FocalPrior
+from fvs_schema.images import Image, Prior, PriorSource, Registration, Verdict
+from fvs_schema.jobs import JobKind, JobRequest
+from fvs_schema.scenes import AltitudeDatum, CameraPrior, Origin
 
 _ORIGIN = Origin(latitude_deg=48.0, longitude_deg=7.0, altitude_m=400.0)
 

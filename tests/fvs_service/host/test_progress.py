@@ -6,10 +6,10 @@ from collections.abc import Iterator
 import pytest
 from fvs_service.host.protocol.messages import StageProgress
 from fvs_service.host.worker.progress import JobProgress, RemainingTime
-from fvs_service.jobs.model import JobKind
 from fvs_service.jobs.stages import JobSize
 from fvs_service.jobs.timing import JobTiming, expected_seconds
 
+from fvs_schema.jobs import JobKind
 from fvs_schema.stages import Stage
 
 _SIZE = JobSize(first=True, images=10, new=10, megapixels=1.0, train_megapixels=0.1, iterations=1000)

@@ -18,12 +18,13 @@ from fvs_service.rankings.port import RankedViews, RankViews
 from pydantic import ValidationError
 from pydantic_core import PydanticSerializationError
 
-from fvs_engine.candidates import CandidateStatus, RankedCandidate
-from fvs_engine.choices import Method
+from fvs_engine.candidates import RankedCandidate
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera, look_at
 from fvs_engine.lab.baselines import SELECTORS
 from fvs_engine.views import PinholeView
+from fvs_schema.candidates import CandidateStatus
+from fvs_schema.words import Method
 
 
 def test_a_ranking_survives_the_wire_bit_by_bit() -> None:

@@ -3,12 +3,12 @@ from pathlib import Path
 import pytest
 from fvs_service.host.runner.scene_choice import choose, read_choice
 from fvs_service.host.runner.scene_folder import SceneFolder
-from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.settings import WorkerSettings
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.sfm.settings import SfmSettings
+from fvs_schema.jobs import JobKind, JobRequest
 
 UPDATE = JobRequest(kind=JobKind.UPDATE)
 

@@ -67,7 +67,7 @@ def test_images_start_updates_by_themselves_and_place_the_scene_in_the_world(
     while True:
         found = service.client.get(f"/v1/scenes/{scene}").json()
         jobs = service.client.get(f"/v1/scenes/{scene}/jobs").json()["items"]
-        if found["images"]["pending"] == 0 and all(job["state"] == "succeeded" for job in jobs):
+        if found["image_counts"]["pending"] == 0 and all(job["state"] == "succeeded" for job in jobs):
             break
         assert time.monotonic() < deadline, (found, jobs)
         time.sleep(0.2)

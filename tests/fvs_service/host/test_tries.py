@@ -2,8 +2,9 @@ from dataclasses import replace
 from pathlib import Path
 
 from fvs_service.host.worker.tries import Tries
-from fvs_service.jobs.model import JobKind
 from fvs_service.jobs.states import Turn
+
+from fvs_schema.jobs import JobKind
 
 TICKET = Turn("job_1", "scn_1", JobKind.UPDATE, 1, "worker-0")
 

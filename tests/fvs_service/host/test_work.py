@@ -16,7 +16,6 @@ from fvs_service.host.runner.image_files import PreparedImages
 from fvs_service.host.runner.job_monitor import JobMonitor
 from fvs_service.host.runner.request_queue import RequestQueue
 from fvs_service.host.runner.scene_jobs import SceneJobs
-from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.jobs.work import Work, first_work, work_of
 from fvs_service.settings import WorkerSettings
 from fvs_service.storage.tables import JobRow
@@ -24,6 +23,7 @@ from granted_scenes import GrantedScenes
 
 from fvs_engine.errors import Cancelled, DamagedOutputError, OtherSettingsError
 from fvs_engine.monitor import Monitor
+from fvs_schema.jobs import JobKind, JobRequest
 
 
 def test_every_job_begins_with_work_that_some_worker_does() -> None:

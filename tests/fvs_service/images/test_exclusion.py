@@ -44,7 +44,7 @@ def test_an_image_is_excluded_and_included_again(gateway: Any, photograph: Photo
         assert answer.json()["registration"] == "excluded"
         assert answer.json()["reason"]
     assert _usable(gateway, scene) == ["1.jpg"]
-    counts = gateway.client.get(f"/v1/scenes/{scene}").json()["images"]
+    counts = gateway.client.get(f"/v1/scenes/{scene}").json()["image_counts"]
     assert (counts["accepted"], counts["pending"], counts["excluded"]) == (2, 1, 1)
 
     # A job that ran meanwhile does not bring it back.
@@ -78,7 +78,7 @@ def test_a_quarantined_image_says_why_and_can_be_tried_again(gateway: Any, photo
         "It kills.",
     )
     assert image["hint"]
-    assert gateway.client.get(f"/v1/scenes/{scene}").json()["images"]["quarantined"] == 1
+    assert gateway.client.get(f"/v1/scenes/{scene}").json()["image_counts"]["quarantined"] == 1
     assert _usable(gateway, scene) == []
     assert gateway.client.post(_path(scene, content, ":include")).json()["registration"] == "pending"
     assert _kinds(gateway, scene).count("image.quarantined") == 1

@@ -35,7 +35,7 @@ def test_an_image_is_stored_once_and_judged(gateway: Any, photograph: Photograph
     assert again.status_code == 200
     assert again.json() == image
     assert gateway.client.get(first.headers["location"]).json() == image
-    assert gateway.client.get(f"/v1/scenes/{scene}").json()["images"]["accepted"] == 1
+    assert gateway.client.get(f"/v1/scenes/{scene}").json()["image_counts"]["accepted"] == 1
     folder = gateway.settings.root / "blobs" / "scenes" / scene / "images"
     assert [file.read_bytes() for file in folder.iterdir()] == [content]
     assert list(gateway.settings.staging.iterdir()) == []
@@ -100,7 +100,7 @@ def test_names_are_not_paths(gateway: Any, photograph: Photograph, name: str) ->
     answer = gateway.put(scene, content, name=name)
     assert answer.status_code == 422
     assert answer.json()["errors"][0]["field"] == "name"
-    assert gateway.client.get(f"/v1/scenes/{scene}").json()["images"]["received"] == 0
+    assert gateway.client.get(f"/v1/scenes/{scene}").json()["image_counts"]["received"] == 0
 
 
 def test_names_in_a_form_are_not_paths_and_cost_no_file(gateway: Any, photograph: Photograph) -> None:
@@ -161,7 +161,7 @@ def test_what_is_no_photograph_gets_a_verdict(gateway: Any, content: bytes, verd
     assert answer.json()["verdict"] == verdict
     assert answer.json()["reason"].endswith(".")
     assert answer.json()["hint"]
-    counts = gateway.client.get(f"/v1/scenes/{scene}").json()["images"]
+    counts = gateway.client.get(f"/v1/scenes/{scene}").json()["image_counts"]
     assert (counts["received"], counts["accepted"]) == (1, 0)
     assert not (gateway.settings.root / "blobs" / "scenes" / scene / "images").exists()
 
@@ -311,7 +311,8 @@ def test_what_the_engine_says_is_told_with_the_names_of_the_senders(
     gateway: Any, photograph: Photograph
 ) -> None:
     from fvs_service.images.files import file_name, with_original_names
-    from fvs_service.images.model import Image as SceneImage
+
+    from fvs_schema.images import Image as SceneImage
 
     scene = gateway.scene()
     sent = [gateway.put(scene, photograph(seed), name=f"IMG {seed}.jpg").json() for seed in range(2)]

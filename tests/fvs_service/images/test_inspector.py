@@ -4,9 +4,9 @@ from pathlib import Path
 
 import pytest
 from fvs_service.images.inspector import Inspector
-from fvs_service.images.model import Verdict
 
 from fvs_engine.images.limits import ImageLimits
+from fvs_schema.images import Verdict
 
 
 @pytest.mark.process

@@ -9,8 +9,8 @@ from typing import Any
 import pytest
 from fvs_service.errors import StorageUnavailableError
 from fvs_service.host.worker.heartbeat import Heartbeats
-from fvs_service.model import now
 from fvs_service.storage.blobs import Blobs
+from fvs_service.storage.clock import now
 from fvs_service.storage.store_check import StoreCheck
 from fvs_service.storage.tables import WorkerRow
 

@@ -2,8 +2,9 @@ from typing import Any
 
 import pytest
 from fvs_service.errors import StaleLeaseError
-from fvs_service.jobs.model import JobError, JobState
 from fvs_service.jobs.repository import images_stage
+
+from fvs_schema.jobs import JobFailure, JobState
 
 
 def _job(gateway: Any, job_id: str) -> dict[str, Any]:
@@ -87,7 +88,7 @@ def test_a_failed_job_says_why_and_is_retried_without_its_finished_stages(gatewa
     ledger.start(lease, job_id, 1)
     ledger.commit_stage(lease, job_id, "features", {"images": 3})
     ledger.commit_stage(lease, job_id, "features", {"images": 4})
-    error = JobError(code="training-failed", message="No.", hint="Try.", retryable=True, stage="training")
+    error = JobFailure(code="training-failed", message="No.", hint="Try.", retryable=True, stage="training")
     ledger.fail(lease, job_id, error)
     failed = _job(gateway, job_id)
     assert (failed["state"], failed["error"]["code"]) == ("failed", "training-failed")
@@ -195,7 +196,7 @@ def test_a_worker_that_lost_its_lease_changes_nothing(gateway: Any) -> None:
     storage.leases.release(frozen)
     other = gateway.lease(scene, "other")
     assert other.token > frozen.token
-    error = JobError(code="x", message="x", hint="", retryable=False, stage=None)
+    error = JobFailure(code="x", message="x", hint="", retryable=False, stage=None)
     writes = [
         lambda: storage.leases.extend(frozen),
         lambda: storage.ledger.start(frozen, job_id, 1),

@@ -4,11 +4,12 @@ from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from fvs_service.jobs.model import JobKind, WaitReason
 from fvs_service.jobs.order import OpenJob, Order
 from fvs_service.jobs.work import Work
 from hypothesis import given
 from hypothesis import strategies as st
+
+from fvs_schema.jobs import JobKind, WaitReason
 
 UPDATE, FINE = JobKind.UPDATE, JobKind.FINE
 TURN_MS = 30_000

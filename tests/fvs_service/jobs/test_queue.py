@@ -7,12 +7,13 @@ from typing import Any
 
 import pytest
 from fvs_service.host.worker.heartbeat import Heartbeats
-from fvs_service.jobs.model import WaitReason
 from fvs_service.jobs.queue import JobQueue, take_job
 from fvs_service.jobs.work import Work
 from fvs_service.storage.notifications import Topic
 from fvs_service.storage.tables import JobRow, WorkerRow
 from sqlalchemy import update
+
+from fvs_schema.jobs import WaitReason
 
 
 @pytest.fixture

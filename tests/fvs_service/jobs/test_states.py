@@ -6,11 +6,12 @@ from typing import Any
 
 import fvs_service
 from fvs_service.events.repository import events_after
-from fvs_service.jobs.model import JobState
 from fvs_service.jobs.states import Move, Mover, Status, move
 from fvs_service.storage.tables import JobRow
 from sqlalchemy import update
 from sqlalchemy.orm import Session
+
+from fvs_schema.jobs import JobState
 
 _STATUSES = [
     *(Status(state, in_turn) for state in JobState for in_turn in (False, True) if not state.ended),

@@ -7,13 +7,14 @@ import hypothesis
 import numpy as np
 import pymap3d
 import pytest
-from fvs_service.missions.model import MissionOptions, MissionView
 from fvs_service.missions.writing import write_mission
-from fvs_service.scenes.model import Alignment, AlignmentStatus, AltitudeDatum, Origin
-from fvs_service.scenes.poses import FramePose, VehiclePose, WorldFrame
+from fvs_service.scenes.poses import WorldFrame
 
 from fvs_engine.geometry import matrix_from_quaternion, quaternion_from_matrix
 from fvs_engine.geometry.geodetic import camera_at
+from fvs_schema.missions import MissionOptions, MissionView
+from fvs_schema.poses import FramePose, VehiclePose
+from fvs_schema.scenes import Alignment, AlignmentStatus, AltitudeDatum, Origin
 
 PLACES = {
     "equator": (0.0, 9.45),

@@ -8,10 +8,12 @@ from typing import Any
 
 import pytest
 from fvs_service.errors import InvalidRequestError
-from fvs_service.missions.model import MissionFile, MissionOptions, MissionView
 from fvs_service.missions.writing import write_mission
-from fvs_service.scenes.model import Alignment, AlignmentStatus, AltitudeDatum
-from fvs_service.scenes.poses import FramePose, VehiclePose, WorldFrame
+from fvs_service.scenes.poses import WorldFrame
+
+from fvs_schema.missions import MissionFile, MissionOptions, MissionView
+from fvs_schema.poses import FramePose, VehiclePose
+from fvs_schema.scenes import Alignment, AlignmentStatus, AltitudeDatum
 
 HOME = {"home_latitude_deg": 46.02, "home_longitude_deg": 7.75, "home_altitude_m": 500.0}
 AROUND = "46.01,7.74;46.03,7.74;46.03,7.76;46.01,7.76"

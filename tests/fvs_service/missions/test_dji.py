@@ -10,9 +10,10 @@ import pytest
 from defusedxml.ElementTree import fromstring
 from fvs_service.errors import InvalidRequestError
 from fvs_service.missions.formats import xml_text
-from fvs_service.missions.model import Drone, MissionOptions, MissionView
 from fvs_service.missions.writing import write_mission
-from fvs_service.scenes.poses import VehiclePose
+
+from fvs_schema.missions import Drone, MissionOptions, MissionView
+from fvs_schema.poses import VehiclePose
 
 KML, WPML = "{http://www.opengis.net/kml/2.2}", "{http://www.dji.com/wpmz/1.0.2}"
 CONFIG = [

@@ -7,10 +7,11 @@ from typing import Any
 import pytest
 from fvs_service.missions.fence import Fence
 from fvs_service.missions.formats import geojson
-from fvs_service.missions.model import MissionOptions
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from pydantic import ValidationError
+
+from fvs_schema.missions import MissionOptions
 
 TRIANGLE = ((0.0, 0.0), (2.0, 0.0), (0.0, 2.0))
 

@@ -8,12 +8,13 @@ from typing import Any
 import numpy as np
 import pytest
 from fvs_service.errors import InvalidRequestError
-from fvs_service.missions.model import MissionFile, MissionOptions, MissionView
 from fvs_service.missions.writing import write_mission
-from fvs_service.scenes.poses import FramePose, WorldFrame
+from fvs_service.scenes.poses import WorldFrame
 
 from fvs_engine.geometry import quaternion_from_matrix
 from fvs_engine.geometry.geodetic import camera_at
+from fvs_schema.missions import MissionFile, MissionOptions, MissionView
+from fvs_schema.poses import FramePose
 
 HOME = {"home_latitude_deg": 46.02, "home_longitude_deg": 7.75, "home_altitude_m": 500.0}
 OF_GIMBALS = ("qgc-plan", "qgc-wpl", "dji-kmz", "mavsdk")

@@ -5,7 +5,8 @@ import json
 from typing import Any
 
 import pytest
-from fvs_service.scenes.model import Alignment, AlignmentStatus
+
+from fvs_schema.scenes import Alignment, AlignmentStatus
 
 ORIGIN = {"latitude_deg": 46.02, "longitude_deg": 7.75, "altitude_m": 500.0, "altitude_datum": "sea-level"}
 HOME = {"home_latitude_deg": 46.02, "home_longitude_deg": 7.75, "home_altitude_m": 495.0}

@@ -7,13 +7,15 @@ from typing import Any
 import numpy as np
 import pytest
 from fvs_service.errors import InvalidRequestError
-from fvs_service.missions.model import MissionOptions, MissionView
 from fvs_service.missions.writing import write_mission
-from fvs_service.scenes.model import Alignment, AlignmentStatus
-from fvs_service.scenes.poses import FramePose, WorldFrame
-from fvs_service.snapshots.model import PinholeIntrinsics
+from fvs_service.scenes.poses import WorldFrame
 from google.protobuf import descriptor_pb2, descriptor_pool, json_format, message_factory
 from scipy.spatial.transform import Rotation
+
+from fvs_schema.missions import MissionOptions, MissionView
+from fvs_schema.poses import FramePose
+from fvs_schema.scenes import Alignment, AlignmentStatus
+from fvs_schema.snapshots import PinholeIntrinsics
 
 CAMERA = PinholeIntrinsics(width_px=640, height_px=480, fx_px=600, fy_px=601, cx_px=320, cy_px=240)
 _FIELD = descriptor_pb2.FieldDescriptorProto

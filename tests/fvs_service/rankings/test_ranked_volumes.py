@@ -5,10 +5,10 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fvs_service.scenes.model import Alignment, AlignmentStatus
 
 from fvs_engine.geometry import matrix_from_quaternion
 from fvs_engine.score.feasibility import matter_of
+from fvs_schema.scenes import Alignment, AlignmentStatus
 
 LOOK = {"frame": "world", "position": [0.0, 0.0, -4.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}
 

@@ -4,7 +4,8 @@ from typing import Any
 
 import numpy as np
 import pytest
-from fvs_service.scenes.model import Alignment, AlignmentStatus
+
+from fvs_schema.scenes import Alignment, AlignmentStatus
 
 LOOK = {"frame": "world", "position": [0.0, 0.0, -4.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}
 ORIGIN = {"latitude_deg": 48.0, "longitude_deg": 7.0, "altitude_m": 400.0}

@@ -6,8 +6,9 @@ from typing import Any
 import numpy as np
 import pytest
 from fvs_service.rankings.warnings import warnings_of
-from fvs_service.scenes.model import Alignment, AlignmentStatus
 from PIL import Image
+
+from fvs_schema.scenes import Alignment, AlignmentStatus
 
 LOOK = {"frame": "world", "position": [0.0, 0.0, -4.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}
 AWAY = {"frame": "world", "position": [0.0, 0.0, -4.0], "orientation_wxyz": [0.0, 1.0, 0.0, 0.0]}

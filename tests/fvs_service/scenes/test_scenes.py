@@ -11,8 +11,15 @@ def test_a_scene_is_made_and_shown(gateway: Any) -> None:
     assert made.headers["location"] == f"/v1/scenes/{scene['id']}"
     assert scene["name"] == "quarry"
     assert scene["world"] == {"kind": "automatic"}
-    assert set(scene["images"].values()) == {0}
-    assert set(scene["images"]) == {"received", "accepted", "rejected", "pending", "excluded", "quarantined"}
+    assert set(scene["image_counts"].values()) == {0}
+    assert set(scene["image_counts"]) == {
+        "received",
+        "accepted",
+        "rejected",
+        "pending",
+        "excluded",
+        "quarantined",
+    }
     assert scene["snapshot_id"] is None
     assert gateway.client.get(made.headers["location"]).json() == scene
 

@@ -5,11 +5,11 @@ from typing import Any, cast
 
 import numpy as np
 import pytest
-from fvs_service.images.model import Prior, PriorSource
-from fvs_service.scenes.model import AlignmentStatus
 from fvs_service.snapshots.georeferencing import align
 
 from fvs_engine.geometry import RigidTransform
+from fvs_schema.images import Prior, PriorSource
+from fvs_schema.scenes import AlignmentStatus
 
 CENTRES = np.random.default_rng(0).normal(size=(12, 3))
 

@@ -5,9 +5,10 @@ from typing import Any
 import pytest
 from fvs_service.errors import RangeError, StaleLeaseError
 from fvs_service.gateway.rest.ranges import byte_range
-from fvs_service.scenes.model import Alignment
 from hypothesis import given
 from hypothesis import strategies as st
+
+from fvs_schema.scenes import Alignment
 
 
 @pytest.fixture(scope="module")
@@ -205,7 +206,7 @@ def test_a_snapshot_of_a_lost_lease_is_not_committed(gateway: Any, tmp_path: Pat
         "gaussians": 1,
         "sh_degree": 0,
     }
-    from fvs_service.snapshots.model import SnapshotMetrics
+    from fvs_schema.snapshots import SnapshotMetrics
 
     made = NewSnapshot(
         SnapshotMetrics(**metrics), Alignment(), {"cameras.json": tmp_path / "cameras.json"}, (), {}
@@ -217,8 +218,9 @@ def test_a_snapshot_of_a_lost_lease_is_not_committed(gateway: Any, tmp_path: Pat
 
 def test_images_show_what_became_of_them(gateway: Any, photograph: Any, tmp_path: Path) -> None:
     from fvs_service.jobs.repository import find_job
-    from fvs_service.snapshots.model import SnapshotMetrics
     from fvs_service.snapshots.service import NewSnapshot
+
+    from fvs_schema.snapshots import SnapshotMetrics
 
     scene, storage = gateway.scene(), gateway.application.storage
     digests = [gateway.put(scene, photograph(seed)).json()["digest"] for seed in range(3)]
@@ -252,7 +254,7 @@ def test_images_show_what_became_of_them(gateway: Any, photograph: Any, tmp_path
     assert [item["registration"] for item in items] == ["registered", "unregistered", "pending"]
     assert [item["reason"] for item in items] == ["", "It matches no other image.", ""]
     assert items[1]["hint"].startswith("Photograph what lies between")
-    assert gateway.client.get(f"/v1/scenes/{scene}").json()["images"]["pending"] == 1
+    assert gateway.client.get(f"/v1/scenes/{scene}").json()["image_counts"]["pending"] == 1
 
     items = commit("second", digests[1:], {digests[0]: ""})
     assert [item["registration"] for item in items] == ["unregistered", "registered", "registered"]

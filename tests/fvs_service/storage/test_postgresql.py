@@ -12,24 +12,25 @@ import pytest
 from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from fvs_service.errors import IncompatibleDatabaseError, ServiceError, StorageUnavailableError
-from fvs_service.events.model import EventKind
 from fvs_service.events.repository import events_after, publish
 from fvs_service.host.worker.heartbeat import Heartbeats
 from fvs_service.ids import new_id
-from fvs_service.jobs.model import JobKind, JobRequest
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.states import submit
-from fvs_service.model import now
 from fvs_service.principal import LOCAL_USER
 from fvs_service.scenes.lease import Lease, Leases, require_lease
-from fvs_service.scenes.model import SceneRequest
 from fvs_service.scenes.service import Scenes
-from fvs_service.settings import Limits
+from fvs_service.storage.clock import now
 from fvs_service.storage.database import KNOWN_VERSIONS, Database
 from fvs_service.storage.notifications import Topic
 from fvs_service.storage.tables import Table
 from postgresql_server import PostgresqlServer
 from sqlalchemy import text
+
+from fvs_schema.events import EventKind
+from fvs_schema.jobs import JobKind, JobRequest
+from fvs_schema.scenes import SceneRequest
+from fvs_schema.service import Limits
 
 pytestmark = pytest.mark.process
 

@@ -4,7 +4,7 @@ from datetime import timedelta
 from typing import Any
 
 import pytest
-from fvs_service.model import now
+from fvs_service.storage.clock import now
 from fvs_service.storage.tables import VisitRow
 from fvs_service.visits import repository, service
 from sqlalchemy import func, select

@@ -9,8 +9,8 @@ from typing import Any
 
 import orjson
 import pytest
-from fvs_service.model import now
 from fvs_service.settings import Settings
+from fvs_service.storage.clock import now
 from fvs_service.storage.tables import EventRow, SceneRow, WebhookRow
 from fvs_service.webhooks import repository
 from gateways import running_gateway

@@ -15,8 +15,8 @@ from fvs_client._async.session import AsyncSession
 from fvs_client._async.snapshots import AsyncSnapshots
 from fvs_client._async.webhooks import AsyncWebhooks
 from fvs_client.connection import Connection
-from fvs_client.models.service import Capabilities, Health
 from fvs_client.retries import Retries
+from fvs_schema.service import Capabilities, Health
 
 
 class AsyncClient:

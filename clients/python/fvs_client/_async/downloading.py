@@ -10,7 +10,7 @@ from fvs_client._async.concurrency import run_blocking, sleep
 from fvs_client._async.session import AsyncSession
 from fvs_client.downloads import DownloadProgress, Part, damaged
 from fvs_client.errors import ApiError, ConnectionFailedError, FvsError
-from fvs_client.models.snapshots import Artifact
+from fvs_schema.snapshots import Artifact
 
 _RANGE_NOT_SATISFIABLE = 416
 

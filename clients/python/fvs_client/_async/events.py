@@ -9,7 +9,7 @@ from fvs_client._async.concurrency import sleep
 from fvs_client._async.session import AsyncSession
 from fvs_client.answers import event_number, parse_event
 from fvs_client.errors import FvsError
-from fvs_client.models.events import Event, EventKind
+from fvs_schema.events import Event, EventKind
 
 
 async def follow(session: AsyncSession, scene_id: str, after: int | None) -> AsyncIterator[Event]:

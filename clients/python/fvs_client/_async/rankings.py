@@ -11,11 +11,13 @@ from fvs_client._async.concurrency import sleep
 from fvs_client._async.session import AsyncResource, AsyncSession
 from fvs_client.answers import mission_file, parse, refusal
 from fvs_client.errors import ConnectionFailedError, FvsError
-from fvs_client.models.base import Answer
-from fvs_client.models.missions import MissionFile, MissionFormat, MissionSettings, mission_options
+from fvs_client.models.missions import MissionFile, MissionSettings, mission_options
 from fvs_client.models.pictures import Png
-from fvs_client.models.rankings import RankedCandidate, RankingData, RankingSummary, ScoredCandidate
+from fvs_client.models.rankings import RankingData
 from fvs_client.requests import Request
+from fvs_schema.base import Output
+from fvs_schema.missions import MissionFormat
+from fvs_schema.rankings import RankedCandidate, RankingSummary, ScoredCandidate
 
 
 class AsyncRanking(AsyncResource, RankingData):
@@ -68,7 +70,7 @@ class AsyncSceneRankings:
         return self._session.items(RankingSummary, requests.rankings_of(self._scene_id))
 
 
-class _AsyncPart(Answer):
+class _AsyncPart(Output):
     """A part of a ranking that is streamed."""
 
     candidates: tuple[ScoredCandidate, ...]

@@ -1,21 +1,21 @@
 """Requests with authentication, retries and typed errors."""
 
 import time
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Iterable, Mapping
 from contextlib import asynccontextmanager
 from typing import Any, Generic, TypeVar
 
 import httpx2
-from pydantic import PrivateAttr
+from pydantic import BaseModel, PrivateAttr
 
 from fvs_client import requests
 from fvs_client._async.concurrency import run_blocking, sleep
 from fvs_client.answers import parse, refusal
 from fvs_client.connection import Connection
 from fvs_client.errors import FvsError, NotFoundError
-from fvs_client.models.base import Answer, Model
 from fvs_client.requests import REQUEST_ID, FileBody, Request
 from fvs_client.retries import Retries
+from fvs_schema.base import Model, Output
 
 M = TypeVar("M", bound=Model)
 
@@ -104,17 +104,24 @@ class AsyncSession:
         return self._http.build_request(request.method, request.path, **options)
 
 
-class AsyncResource(Answer):
-    """Base of answers that can send requests of their own."""
+class AsyncResource(Output):
+    """Base of answers that can send requests of their own; ``dir`` hides what pydantic adds."""
 
     _session: AsyncSession = PrivateAttr()
 
     def model_post_init(self, context: Any, /) -> None:
         """Keep the session that fetched the answer."""
-        self._session = context["session"]  # type: ignore[misc]  # it alone can be set
+        self._session = context["session"]
+
+    def __str__(self) -> str:
+        return repr(self)
+
+    def __dir__(self) -> Iterable[str]:
+        hidden = {name for name in dir(BaseModel) if name not in dir(object)}
+        return sorted({*super().__dir__()} - hidden)
 
 
-class _Page(Answer, Generic[M]):
+class _Page(Output, Generic[M]):
     """A part of a list; ``next`` is the cursor of the rest."""
 
     items: tuple[M, ...]

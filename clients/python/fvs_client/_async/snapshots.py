@@ -11,7 +11,8 @@ from fvs_client._async.session import AsyncResource, AsyncSession
 from fvs_client.answers import parse
 from fvs_client.downloads import DownloadProgress, artifact_named, target_path
 from fvs_client.models.scenes import SceneData
-from fvs_client.models.snapshots import SnapshotCameras, SnapshotData
+from fvs_client.models.snapshots import SnapshotData
+from fvs_schema.snapshots import SnapshotCameras
 
 
 class AsyncSnapshot(AsyncResource, SnapshotData):

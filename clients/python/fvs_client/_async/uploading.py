@@ -19,7 +19,6 @@ from fvs_client.errors import (
     UnreadableFormatError,
 )
 from fvs_client.image_files import ImageFile, Paths, find_image_files
-from fvs_client.models.images import DigestAnswer, Image, ImageMetadata
 from fvs_client.requests import FileBody
 from fvs_client.uploads import (
     Describe,
@@ -33,6 +32,7 @@ from fvs_client.uploads import (
     size_of,
     total_size,
 )
+from fvs_schema.images import DigestAnswer, Image, ImageMetadata
 
 _BATCH = 256
 """Files that are hashed, checked and sent before the next ones are read."""

@@ -3,15 +3,21 @@
 from collections.abc import Iterable
 from typing import Self
 
+from pydantic import Field
+
 from fvs_client import requests
 from fvs_client._async.session import AsyncResource, AsyncSession
-from fvs_client.models.base import Answer
-from fvs_client.models.events import EventKind
-from fvs_client.models.webhooks import WebhookData, WebhookRequest
+from fvs_schema.base import Output
+from fvs_schema.events import EventKind
+from fvs_schema.webhooks import Webhook as WebhookData
+from fvs_schema.webhooks import WebhookRequest
 
 
 class AsyncWebhook(AsyncResource, WebhookData):
     """A webhook as it was when it was fetched; ``refresh`` returns its current state."""
+
+    secret: str | None = Field(default=None, repr=False)
+    """Signs the deliveries; only a webhook that was just created has it."""
 
     async def refresh(self) -> Self:
         """Get the webhook's current state."""
@@ -26,7 +32,7 @@ class AsyncWebhook(AsyncResource, WebhookData):
         await self._session.content(requests.delete_webhook(self.id))
 
 
-class _AsyncWebhookList(Answer):
+class _AsyncWebhookList(Output):
     webhooks: tuple[AsyncWebhook, ...]
 
 

@@ -16,8 +16,8 @@ from fvs_client._sync.session import Session
 from fvs_client._sync.snapshots import Snapshots
 from fvs_client._sync.webhooks import Webhooks
 from fvs_client.connection import Connection
-from fvs_client.models.service import Capabilities, Health
 from fvs_client.retries import Retries
+from fvs_schema.service import Capabilities, Health
 
 
 class Client:

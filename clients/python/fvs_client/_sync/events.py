@@ -10,7 +10,7 @@ from fvs_client._sync.concurrency import sleep
 from fvs_client._sync.session import Session
 from fvs_client.answers import event_number, parse_event
 from fvs_client.errors import FvsError
-from fvs_client.models.events import Event, EventKind
+from fvs_schema.events import Event, EventKind
 
 
 def follow(session: Session, scene_id: str, after: int | None) -> Iterator[Event]:

@@ -11,9 +11,9 @@ from fvs_client._sync import downloading, uploading
 from fvs_client._sync.session import Session
 from fvs_client.downloads import DownloadProgress, target_path
 from fvs_client.image_files import Paths
-from fvs_client.models.images import DigestAnswer, Image, ImageMetadata
-from fvs_client.models.snapshots import Artifact
 from fvs_client.uploads import Describe, UploadProgress, UploadReport
+from fvs_schema.images import DigestAnswer, Image, ImageMetadata
+from fvs_schema.snapshots import Artifact
 
 
 class SceneImages:

@@ -7,8 +7,10 @@ from typing import Unpack
 from fvs_client import requests
 from fvs_client._sync.session import Resource, Session
 from fvs_client.answers import mission_file
-from fvs_client.models.missions import MissionFile, MissionFormat, MissionSettings, mission_options
-from fvs_client.models.plans import PlanData, PlanSummary
+from fvs_client.models.missions import MissionFile, MissionSettings, mission_options
+from fvs_client.models.plans import PlanData
+from fvs_schema.missions import MissionFormat
+from fvs_schema.plans import PlanSummary
 
 
 class Plan(Resource, PlanData):

@@ -14,40 +14,28 @@ from fvs_client._sync.session import Resource, Session
 from fvs_client._sync.snapshots import SceneSnapshots
 from fvs_client._sync.webhooks import SceneWebhooks
 from fvs_client.answers import mission_file
-from fvs_client.models.events import Event
-from fvs_client.models.jobs import JobKind
-from fvs_client.models.missions import (
-    MissionFile,
-    MissionFormat,
-    MissionRequest,
-    MissionSettings,
-    MissionView,
-    mission_options,
-)
-from fvs_client.models.plans import PlanRequest, Stop, Tour
-from fvs_client.models.rankings import (
-    Candidate,
-    Generator,
-    Pose,
-    PoseFrame,
-    RankedCandidate,
-    RankingMethod,
-    RankingRequest,
-    ScoredCandidate,
-)
-from fvs_client.models.scenes import (
+from fvs_client.models.missions import MissionFile, MissionSettings, mission_options
+from fvs_client.models.scenes import SceneData
+from fvs_schema.candidates import Candidate, Generator
+from fvs_schema.events import Event
+from fvs_schema.jobs import JobKind
+from fvs_schema.missions import MissionFormat, MissionRequest, MissionView
+from fvs_schema.plans import PlanRequest, Stop, Tour
+from fvs_schema.poses import Pose, PoseFrame
+from fvs_schema.rankings import RankedCandidate, RankingRequest, ScoredCandidate
+from fvs_schema.scenes import (
     AutomaticWorld,
     CameraPrior,
     Policy,
     Retention,
     SceneChange,
-    SceneData,
     SceneRequest,
     SceneSize,
     World,
 )
-from fvs_client.models.visits import Visit, VisitList, VisitReport, VisitState
-from fvs_client.models.volumes import Volume
+from fvs_schema.visits import Visit, VisitList, VisitReport, VisitState
+from fvs_schema.volumes import Volume
+from fvs_schema.words import Method as RankingMethod
 
 
 class Scene(Resource, SceneData):
@@ -170,7 +158,7 @@ class Scene(Resource, SceneData):
             current_pose=current_pose,
             radius_m=radius_m,
             safety_m=safety_m,
-            no_fly=None if no_fly is None else tuple(no_fly),
+            no_fly=() if no_fly is None else tuple(no_fly),
             rank_all=rank_all,
             frame=frame,
             top_k=top_k,
@@ -220,7 +208,7 @@ class Scene(Resource, SceneData):
             distance_m=distance_m,
             home=home,
             safety_m=safety_m,
-            no_fly=None if no_fly is None else tuple(no_fly),
+            no_fly=() if no_fly is None else tuple(no_fly),
             vehicles=None if vehicles is None else tuple(vehicles),
             for_vehicle=for_vehicle,
             frame=frame,

@@ -4,15 +4,21 @@
 from collections.abc import Iterable
 from typing import Self
 
+from pydantic import Field
+
 from fvs_client import requests
 from fvs_client._sync.session import Resource, Session
-from fvs_client.models.base import Answer
-from fvs_client.models.events import EventKind
-from fvs_client.models.webhooks import WebhookData, WebhookRequest
+from fvs_schema.base import Output
+from fvs_schema.events import EventKind
+from fvs_schema.webhooks import Webhook as WebhookData
+from fvs_schema.webhooks import WebhookRequest
 
 
 class Webhook(Resource, WebhookData):
     """A webhook as it was when it was fetched; ``refresh`` returns its current state."""
+
+    secret: str | None = Field(default=None, repr=False)
+    """Signs the deliveries; only a webhook that was just created has it."""
 
     def refresh(self) -> Self:
         """Get the webhook's current state."""
@@ -27,7 +33,7 @@ class Webhook(Resource, WebhookData):
         self._session.content(requests.delete_webhook(self.id))
 
 
-class _WebhookList(Answer):
+class _WebhookList(Output):
     webhooks: tuple[Webhook, ...]
 
 

@@ -1,7 +1,7 @@
 """Errors of the command line itself."""
 
 from fvs_client.errors import FvsError
-from fvs_client.models.error_codes import ErrorCode
+from fvs_schema.error_codes import ErrorCode
 
 
 class SceneNameError(FvsError):

@@ -15,8 +15,8 @@ from fvs_client.cli.progress import describe_outcome, display, download_progress
 from fvs_client.cli.session import confirm, find_scene, service
 from fvs_client.errors import NotFoundError
 from fvs_client.image_files import SUFFIXES, find_image_files
-from fvs_client.models.images import Image, Registration
 from fvs_client.uploads import UploadedFile, UploadProgress, UploadReport
+from fvs_schema.images import Image, Registration
 
 ImageArguments = Annotated[
     list[str], typer.Argument(metavar="IMAGE", help="Names, numbers or digests of images.")

@@ -18,7 +18,7 @@ from fvs_client.cli.options import (
 from fvs_client.cli.output import describe_metrics, print_json, print_table
 from fvs_client.cli.progress import display, job_progress
 from fvs_client.cli.session import find_scene, service
-from fvs_client.models.jobs import JobKind, JobRequest, JobState
+from fvs_schema.jobs import JobKind, JobRequest, JobState
 
 jobs = typer.Typer(help="List, show, wait for, cancel and retry jobs.", no_args_is_help=True)
 

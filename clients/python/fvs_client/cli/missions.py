@@ -20,8 +20,8 @@ from fvs_client.cli.flight_options import (
 from fvs_client.cli.options import JsonOption, within
 from fvs_client.cli.output import print_json
 from fvs_client.cli.session import service
-from fvs_client.models.mistakes import mistakes
 from fvs_client.models.plans import PlanData
+from fvs_schema.mistakes import described
 
 _RANKING, _PLAN = "rnk_", "pln_"
 _PLANS = "`fvs-client plan --json` writes plans."
@@ -185,7 +185,7 @@ def _plan(path: Path) -> PlanData:
     try:
         return PlanData.model_validate(document)
     except pydantic.ValidationError as error:
-        raise typer.BadParameter(f"{path}: {mistakes(error, document)} {_PLANS}") from error
+        raise typer.BadParameter(f"{path}: {described(error, document)} {_PLANS}") from error
 
 
 def _home(text: str | None) -> dict[str, float]:

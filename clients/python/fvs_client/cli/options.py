@@ -17,7 +17,7 @@ JsonOption = Annotated[
 
 
 def _methods() -> tuple[str, ...]:
-    from fvs_client.models.rankings import RankingMethod  # which the spool does without
+    from fvs_schema.words import Method as RankingMethod
 
     return get_args(RankingMethod)
 

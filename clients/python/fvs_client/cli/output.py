@@ -8,7 +8,7 @@ import typer
 from rich.console import Console
 from rich.table import Table
 
-from fvs_client.models.snapshots import SnapshotMetrics
+from fvs_schema.snapshots import SnapshotMetrics
 
 
 def print_json(document: Any) -> None:

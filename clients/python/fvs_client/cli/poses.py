@@ -8,18 +8,10 @@ from typing import Any, TypeVar
 import pydantic
 import typer
 
-from fvs_client.models.mistakes import mistakes
-from fvs_client.models.rankings import (
-    AroundCurrent,
-    Candidate,
-    Dataset,
-    Generator,
-    Grid,
-    InVolume,
-    Orbit,
-    Pose,
-)
-from fvs_client.models.volumes import Volume
+from fvs_schema.candidates import AroundCurrent, Candidate, Dataset, Generator, Grid, InVolume, Orbit
+from fvs_schema.mistakes import described
+from fvs_schema.poses import Pose
+from fvs_schema.volumes import Volume
 
 T = TypeVar("T")
 
@@ -125,4 +117,4 @@ def _read(path: Path, kind: pydantic.TypeAdapter[T], form: str) -> T:
     try:
         return kind.validate_python(document)
     except pydantic.ValidationError as error:
-        raise typer.BadParameter(f"{path}: {mistakes(error, document)} Write {form}.") from error
+        raise typer.BadParameter(f"{path}: {described(error, document)} Write {form}.") from error

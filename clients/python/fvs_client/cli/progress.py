@@ -23,8 +23,8 @@ from rich.text import Text
 
 from fvs_client.downloads import DownloadProgress
 from fvs_client.models.jobs import JobData
-from fvs_client.models.rankings import ScoredCandidate
 from fvs_client.uploads import UploadedFile, UploadProgress
+from fvs_schema.rankings import ScoredCandidate
 
 _LOG_EVERY_S = 10.0
 _JSON_EVERY_S = 0.2

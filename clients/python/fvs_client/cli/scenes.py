@@ -7,7 +7,8 @@ import typer
 from fvs_client.cli.options import JsonOption, SceneArgument, YesOption, within
 from fvs_client.cli.output import describe_metrics, print_json, print_table
 from fvs_client.cli.session import confirm, find_scene, require_free_name, service
-from fvs_client.models.scenes import (
+from fvs_client.models.scenes import world_text
+from fvs_schema.scenes import (
     AutomaticWorld,
     CameraPrior,
     EnuWorld,
@@ -16,7 +17,6 @@ from fvs_client.models.scenes import (
     Policy,
     Trigger,
     World,
-    world_text,
 )
 
 _ORIGIN_RANGES = ((-90, 90), (-180, 180), (-12_000, 100_000))

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from dataclasses import asdict
 
 import typer
 
@@ -12,8 +13,17 @@ from fvs_client.cli.errors import SceneNameError
 from fvs_client.cli.exit_codes import INTERRUPTED, USAGE
 from fvs_client.cli.program import Target
 from fvs_client.cli.wording import hint_in_options, in_options
-from fvs_client.errors import ApiError, ForbiddenError, FvsError, JobFailedError, NotFoundError, Problem
+from fvs_client.errors import (
+    ApiError,
+    ForbiddenError,
+    FvsError,
+    InvalidRequestError,
+    JobFailedError,
+    NotFoundError,
+)
 from fvs_client.retries import Retries
+from fvs_schema.mistakes import InvalidInput
+from fvs_schema.problems import Problem, ProblemField
 
 _FEW_RETRIES = Retries(attempts=3, first_s=0.25)
 
@@ -35,6 +45,9 @@ def service(context: typer.Context, *, as_json: bool, patient: bool = False) -> 
         except FvsError as error:
             _print_error(error, _command(context), as_json=as_json)
             raise typer.Exit(exit_code_of(error)) from error
+        except InvalidInput as error:
+            _print_error(_refused(error), _command(context), as_json=as_json)
+            raise typer.Exit(USAGE) from error
         except OSError as error:
             _print_file_error(error, as_json=as_json)
             raise typer.Exit(USAGE) from error
@@ -80,6 +93,14 @@ def confirm(question: str, *, yes: bool) -> None:
         raise typer.Exit(USAGE)
 
 
+def _refused(error: InvalidInput) -> InvalidRequestError:
+    """The error that the service would answer with."""
+    fields = tuple(ProblemField(field=one.field, message=one.message) for one in error.errors)
+    hint = "GET /openapi.json describes the request."
+    code = InvalidRequestError.code
+    return InvalidRequestError(Problem(status=422, code=code, detail=str(error), hint=hint, errors=fields))
+
+
 def _command(context: typer.Context) -> str:
     """The words of a command, without options."""
     return f"fvs-client {context.command_path.partition(' ')[2]}"
@@ -112,7 +133,7 @@ def _print_error(error: FvsError, command: str, *, as_json: bool) -> None:
             hint,
             retryable=error.retryable,
             request_id=error.request_id,
-            errors=[field.model_dump() for field in fields],
+            errors=[asdict(field) for field in fields],
         )
         return
     typer.echo(f"Error: {message}", err=True)

@@ -10,7 +10,7 @@ from fvs_client.cli.options import JsonOption
 from fvs_client.cli.output import print_json
 from fvs_client.cli.session import service
 from fvs_client.errors import ApiError
-from fvs_client.models.service import WorkerStatus
+from fvs_schema.service import WorkerStatus
 
 
 def status(context: typer.Context, as_json: JsonOption = False) -> None:

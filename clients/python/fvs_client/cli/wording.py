@@ -3,7 +3,7 @@
 import re
 from collections.abc import Sequence
 
-from fvs_client.errors import FieldError
+from fvs_schema.error_codes import FieldError
 
 _OPTIONS = {
     "acceptance_radius_m": "--acceptance",

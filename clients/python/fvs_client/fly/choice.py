@@ -25,9 +25,10 @@ from fvs_client.fly.log import FlightLog
 from fvs_client.fly.settings import EndedError, Ending, FlightSettings
 from fvs_client.fly.vehicle import Vehicle, VehicleState
 from fvs_client.fly.watch import Watch
-from fvs_client.models.missions import MissionFile, MissionFormat, MissionSettings
-from fvs_client.models.rankings import AroundCurrent
-from fvs_client.models.scenes import Origin
+from fvs_client.models.missions import MissionFile, MissionSettings
+from fvs_schema.candidates import AroundCurrent
+from fvs_schema.missions import MissionFormat
+from fvs_schema.scenes import Origin
 
 _TAKEN_S = 3_600.0
 """Time for a photograph to arrive before others may take its view again."""

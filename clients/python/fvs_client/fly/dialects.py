@@ -9,7 +9,7 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 
 from fvs_client.fly.errors import VehicleError
-from fvs_client.models.missions import Autopilot
+from fvs_schema.missions import Autopilot
 
 _ARDUPILOT, _PX4 = 3, 12
 """``MAV_AUTOPILOT``."""

@@ -1,7 +1,7 @@
 """Failures of a vehicle."""
 
 from fvs_client.errors import FvsError
-from fvs_client.models.error_codes import ErrorCode
+from fvs_schema.error_codes import ErrorCode
 
 
 class VehicleError(FvsError):

@@ -6,7 +6,7 @@ from enum import StrEnum
 from fvs_client import Candidate
 from fvs_client.fly.survey import Survey
 from fvs_client.models.missions import MissionSettings
-from fvs_client.models.rankings import Generator
+from fvs_schema.candidates import Generator
 
 
 class Ending(StrEnum):

@@ -4,6 +4,12 @@ from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
 
+from fvs_schema.poses import FramePose, VehiclePose
+from fvs_schema.scenes import Alignment, AlignmentStatus
+
+ReprArgs = Iterable[tuple[str, object]]
+"""What ``repr`` shows of a model."""
+
 _MOST_ROWS = 30
 """Rows of a table in a notebook."""
 
@@ -36,6 +42,21 @@ def facts_html(caption: str, facts: Iterable[tuple[str, str]]) -> str:
     """Names and what they stand for as HTML."""
     rows = "".join(f"<tr>{_cell('th', name)}{_cell('td', text)}</tr>" for name, text in facts)
     return f"<table><caption>{escape(caption)}</caption><tbody>{rows}</tbody></table>"
+
+
+def pose_text(pose: FramePose | VehiclePose) -> str:
+    """A pose in a table."""
+    if isinstance(pose, VehiclePose):
+        return (
+            f"{pose.latitude_deg:.6f} {pose.longitude_deg:.6f} {pose.altitude_m:.1f} m, "
+            f"yaw {pose.yaw_deg:.0f}° pitch {pose.pitch_deg:.0f}°"
+        )
+    return " ".join(f"{part:.2f}" for part in pose.position)
+
+
+def with_unit(what: str, alignment: Alignment) -> str:
+    """A heading of lengths in the world frame, with their unit: there is none without an alignment."""
+    return what if alignment.status is AlignmentStatus.MODEL else f"{what} (m)"
 
 
 def _aligned(table: Table) -> Sequence[bool]:

@@ -4,9 +4,9 @@ import json
 from collections.abc import Callable, Mapping
 from pathlib import Path
 
-from fvs_client.models.images import ImageMetadata
 from fvs_client.spool.outbox import SIDECAR_REFUSED
 from fvs_client.spool.photograph import Refusal
+from fvs_schema.images import ImageMetadata
 
 Describe = Callable[[Path], ImageMetadata | None]
 
@@ -33,7 +33,8 @@ def read_sidecar(path: Path) -> ImageMetadata | Refusal:
 
 def merged(*known: ImageMetadata | None) -> Mapping[str, object]:
     """The fields of several, as JSON has them; later ones override earlier ones."""
-    return {name: value for one in known if one is not None for name, value in one.document().items()}
+    documents = [one.model_dump(mode="json", exclude_none=True) for one in known if one is not None]
+    return {name: value for document in documents for name, value in document.items()}
 
 
 def _refusal(path: Path, reason: str) -> Refusal:

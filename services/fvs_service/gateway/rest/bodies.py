@@ -17,6 +17,8 @@ from pydantic import ValidationError
 from starlette.datastructures import Headers
 from starlette.requests import ClientDisconnect
 
+from fvs_schema.base import Model
+from fvs_schema.service import Limits
 from fvs_service.errors import (
     InvalidRequestError,
     MalformedRequestError,
@@ -25,8 +27,6 @@ from fvs_service.errors import (
 )
 from fvs_service.gateway.rest.dependencies import Permission, application_of
 from fvs_service.gateway.validation import invalid_body
-from fvs_service.model import Model
-from fvs_service.settings import Limits
 
 ModelT = TypeVar("ModelT", bound=Model)
 

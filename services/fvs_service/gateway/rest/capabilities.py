@@ -1,6 +1,7 @@
 """The capabilities over REST."""
 
-from fvs_service.gateway.capabilities import Capabilities, capabilities_of
+from fvs_schema.service import Capabilities
+from fvs_service.gateway.capabilities import capabilities_of
 from fvs_service.gateway.rest.dependencies import App, Caller
 from fvs_service.gateway.rest.routing import json_router
 

@@ -5,7 +5,8 @@ from typing import Annotated
 
 from fastapi import Depends, Header, Response
 
-from fvs_service.errors import FieldError, InvalidRequestError
+from fvs_schema.error_codes import FieldError
+from fvs_service.errors import InvalidRequestError
 
 _TAG = re.compile(r'(W/)?"([\x21\x23-\x7e\x80-\xff]*)"')
 _TAGS = re.compile(rf"\s*({_TAG.pattern}\s*(,\s*|$))+")

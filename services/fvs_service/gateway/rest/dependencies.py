@@ -9,16 +9,16 @@ from fastapi import Depends, Header, Path, Query, Request, Response
 from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from starlette.concurrency import run_in_threadpool
 
+from fvs_schema.base import Page
+from fvs_schema.jobs import JobPage
+from fvs_schema.scenes import ScenePage
 from fvs_service.application import Application
 from fvs_service.errors import UnauthenticatedError
 from fvs_service.events.feed import EventFeed
 from fvs_service.gateway.drain import Drain
 from fvs_service.gateway.rest.query import require_known_query
 from fvs_service.ids import new_id
-from fvs_service.jobs.model import JobPage
-from fvs_service.model import Page
 from fvs_service.principal import Principal, Scope
-from fvs_service.scenes.model import ScenePage
 from fvs_service.telemetry import Metrics
 
 PageT = TypeVar("PageT", bound=Page)

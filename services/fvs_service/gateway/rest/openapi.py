@@ -6,11 +6,12 @@ from typing import Any
 from fastapi import FastAPI
 from pydantic.json_schema import models_json_schema
 
-from fvs_service.events.model import Event
+from fvs_schema.base import Model
+from fvs_schema.events import Event
+from fvs_schema.problems import Problem
+from fvs_schema.rankings import RankingPart
 from fvs_service.gateway.rest.openapi_schemas import REFERENCE, merged, rename, tidy, without_null
-from fvs_service.gateway.rest.problems import MEDIA_TYPE, Problem
-from fvs_service.model import Model
-from fvs_service.rankings.model import RankingPart
+from fvs_service.gateway.rest.problems import MEDIA_TYPE
 
 _DESCRIPTION = """
 Send images, get a 3D model that grows with them, and rank the poses that could be photographed next.

@@ -51,7 +51,7 @@ def tidy(name: str, schema: Schema) -> None:
             del part["title"]
     for field in schema.get("properties", {}).values():
         default = field.pop("default", None)
-        if default not in (None, [], {}) and not isinstance(default, dict | list):
+        if default not in (None, "", [], {}) and not isinstance(default, dict | list):
             word = str(default).lower() if isinstance(default, bool) else default
             field["description"] = f"{field.get('description', '')} Default: `{word}`.".strip()
 

@@ -12,11 +12,11 @@ from starlette.requests import ClientDisconnect
 from starlette.routing import Match
 
 from fvs_engine.errors import EngineError
+from fvs_schema.problems import Problem, ProblemField
 from fvs_service import errors
 from fvs_service.engine_errors import from_engine
 from fvs_service.errors import ServiceError
 from fvs_service.gateway import validation
-from fvs_service.model import Model
 
 MEDIA_TYPE = "application/problem+json"
 CLIENT_GONE = 499
@@ -34,38 +34,6 @@ _BY_STATUS: Mapping[int, type[ServiceError]] = {
 }
 
 _log = structlog.get_logger()
-
-
-class ProblemField(Model):
-    """A part of the request that is invalid."""
-
-    field: str
-    """Where it is, such as `candidates.3.id`."""
-    message: str
-    """What is wrong with it."""
-
-
-class Problem(Model):
-    """Why a request failed."""
-
-    type: str
-    """Always `about:blank`: `code` identifies the problem."""
-    title: str
-    """The kind of the problem, for people."""
-    status: int
-    """The HTTP status."""
-    code: str
-    """Stable, for programs."""
-    detail: str
-    """What is wrong, in a sentence."""
-    hint: str
-    """What to do about it."""
-    retryable: bool
-    """Whether the same request can succeed later."""
-    request_id: str
-    """The request's id, which logs have, too."""
-    errors: tuple[ProblemField, ...] = ()
-    """The parts of the request that are invalid, where that is known."""
 
 
 def install(app: FastAPI) -> None:

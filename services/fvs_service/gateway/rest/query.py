@@ -2,7 +2,8 @@
 
 from fastapi import Request
 
-from fvs_service.errors import FieldError, InvalidRequestError
+from fvs_schema.error_codes import FieldError
+from fvs_service.errors import InvalidRequestError
 from fvs_service.gateway.rest.routing import JsonRoute
 
 _SHOWN = 100

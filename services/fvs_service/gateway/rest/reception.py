@@ -5,6 +5,7 @@ import contextlib
 from anyio.to_thread import run_sync
 from fastapi import Request
 
+from fvs_schema.images import Image
 from fvs_service.application import Application
 from fvs_service.errors import (
     ChecksumMismatchError,
@@ -13,7 +14,6 @@ from fvs_service.errors import (
     PayloadTooLargeError,
 )
 from fvs_service.gateway.rest.bodies import blocks, declared_bytes
-from fvs_service.images.model import Image
 from fvs_service.images.rest_tus import Checksum
 from fvs_service.images.resumable_uploads import (
     ResumableUpload,

@@ -15,7 +15,7 @@ from fastapi.routing import APIRoute
 from starlette.concurrency import run_in_threadpool
 from starlette.convertors import StringConvertor, register_url_convertor
 
-from fvs_service.model import Model
+from fvs_schema.base import Model
 
 
 class _Plain(StringConvertor):

@@ -5,11 +5,11 @@ from typing import Annotated
 from fastapi import Query, Response
 from prometheus_client import CONTENT_TYPE_LATEST, generate_latest
 
+from fvs_schema.service import Health
 from fvs_service.errors import stopping
 from fvs_service.gateway.readiness import require_ready
 from fvs_service.gateway.rest.dependencies import App, Caller, Counters, Draining, KnownQuery
 from fvs_service.gateway.rest.routing import json_router
-from fvs_service.model import Model
 
 router = json_router("", "service")
 
@@ -25,17 +25,10 @@ _TEXT = {
 }
 
 
-class Health(Model):
-    """The service is healthy."""
-
-    status: str = "ok"
-    """Always `ok`: otherwise the answer is a problem."""
-
-
 @router.get("/livez", dependencies=[KnownQuery])
 def check_liveness() -> Health:
     """Check that the gateway runs."""
-    return Health()
+    return Health(status="ok")
 
 
 @router.get("/readyz", dependencies=[KnownQuery])
@@ -44,7 +37,7 @@ def check_readiness(app: App, drain: Draining, workers: _Workers = 0) -> Health:
     if drain.begun:
         raise stopping()
     require_ready(app, workers)
-    return Health()
+    return Health(status="ok")
 
 
 @router.get("/metrics", response_class=Response, responses=_TEXT)  # type: ignore[arg-type]

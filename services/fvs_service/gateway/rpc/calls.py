@@ -20,6 +20,7 @@ from google.protobuf.message import Message
 from starlette.datastructures import State
 
 from fvs_engine.errors import EngineError
+from fvs_schema.error_codes import FieldError
 from fvs_service.application import Application
 from fvs_service.auth import bearer_key
 from fvs_service.concurrency import ConcurrencyLimit, TenantTurns
@@ -27,7 +28,6 @@ from fvs_service.engine_errors import from_engine
 from fvs_service.errors import (
     ClientGoneError,
     DeadlineError,
-    FieldError,
     InternalError,
     InvalidRequestError,
     LimitExceededError,

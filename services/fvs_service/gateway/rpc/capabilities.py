@@ -2,8 +2,9 @@
 
 from fvs.v1 import capabilities_pb2 as pb
 
+from fvs_schema.service import Capabilities
 from fvs_service.application import Application
-from fvs_service.gateway.capabilities import Capabilities, capabilities_of
+from fvs_service.gateway.capabilities import capabilities_of
 from fvs_service.principal import Principal
 
 

@@ -22,11 +22,12 @@ from google.protobuf.descriptor import Descriptor, EnumDescriptor, FieldDescript
 from google.protobuf.message import DecodeError, Message
 from pydantic import ValidationError
 
-from fvs_service.errors import FieldError, InvalidRequestError, MalformedRequestError
-from fvs_service.gateway.plain_messages import sentence
+from fvs_schema.base import Model
+from fvs_schema.error_codes import FieldError
+from fvs_schema.mistakes import sentence
+from fvs_schema.service import Limits
+from fvs_service.errors import InvalidRequestError, MalformedRequestError
 from fvs_service.gateway.validation import invalid_body
-from fvs_service.model import Model
-from fvs_service.settings import Limits
 
 ModelT = TypeVar("ModelT", bound=Model)
 MessageT = TypeVar("MessageT", bound=Message)

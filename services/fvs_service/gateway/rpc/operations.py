@@ -21,12 +21,12 @@ from google.protobuf.descriptor import MethodDescriptor, ServiceDescriptor
 from google.protobuf.message import Message
 from google.protobuf.message_factory import GetMessageClass
 
+from fvs_schema.base import Model
+from fvs_schema.rankings import Ranking
 from fvs_service.errors import PayloadTooLargeError
 from fvs_service.gateway.rpc.calls import Call, Context, Gateway, answer, parsed
 from fvs_service.gateway.rpc.conversion import write
-from fvs_service.model import Model
 from fvs_service.principal import Principal
-from fvs_service.rankings.model import Ranking
 
 T = TypeVar("T")
 

@@ -5,9 +5,10 @@ from typing import Annotated, TypeVar
 from google.protobuf.message import Message
 from pydantic import Field
 
+from fvs_schema.base import Model, Page
+from fvs_schema.names import Digest
+from fvs_schema.service import Limits
 from fvs_service.gateway.rpc.conversion import pick
-from fvs_service.model import Digest, Model, Page
-from fvs_service.settings import Limits
 
 PageT = TypeVar("PageT", bound=Page)
 

@@ -15,6 +15,10 @@ from pydantic import Field, TypeAdapter
 from fvs_engine.errors import EngineError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.records import Record
+from fvs_schema.images import Image
+from fvs_schema.jobs import JobRequest
+from fvs_schema.scenes import CameraPrior, Origin
+from fvs_schema.snapshots import SnapshotMetrics
 from fvs_schema.stages import Stage
 from fvs_service.engine_errors import from_engine
 from fvs_service.errors import (
@@ -27,12 +31,8 @@ from fvs_service.errors import (
     ServiceError,
     UnavailableError,
 )
-from fvs_service.images.model import Image
-from fvs_service.jobs.model import JobRequest
 from fvs_service.rankings.port import GenerateViews, PlanViews, RankViews, RenderView
-from fvs_service.scenes.model import CameraPrior, Origin
 from fvs_service.settings import Settings
-from fvs_service.snapshots.model import SnapshotMetrics
 
 
 class RunnerOrder(Record):
@@ -158,7 +158,7 @@ def failure_of(error: Exception) -> Failure:
     )
 
 
-_KINDS = {
+_KINDS: dict[str, type[ServiceError]] = {
     kind.code: kind
     for kind in (
         DeadlineError,
@@ -173,7 +173,7 @@ _KINDS = {
 
 def error_of(failure: Failure) -> ServiceError:
     """The service's error for a failed request."""
-    kind: type[ServiceError] = _KINDS.get(failure.code, InternalError)
+    kind = _KINDS.get(failure.code, InternalError)
     error = kind(failure.message, hint=failure.hint)
     error.retry_after_s = failure.retry_after_s
     return error

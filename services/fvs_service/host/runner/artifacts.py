@@ -15,9 +15,10 @@ from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.spz import write_spz
 from fvs_engine.splat.views import TrainingView
-from fvs_service.images.model import Image
+from fvs_schema.images import Image
+from fvs_schema.snapshots import SnapshotCameras, SnapshotMetrics, SnapshotView
 from fvs_service.snapshots.artifacts import CAMERAS, COLMAP, COMPRESSED, GAUSSIANS, METRICS
-from fvs_service.snapshots.model import PinholeIntrinsics, SnapshotCameras, SnapshotMetrics, SnapshotView
+from fvs_service.snapshots.cameras import intrinsics_of
 
 Array = NDArray[np.float64]
 
@@ -62,7 +63,7 @@ def _cameras(views: Sequence[TrainingView], images: Mapping[str, Image], points:
     lower, upper = np.percentile(points, _BOX_PERCENTILES, axis=0)
     model_from_camera = {view.name: view.camera_from_model.inverse() for view in views}
     return SnapshotCameras(
-        camera=PinholeIntrinsics.of(usual),
+        camera=intrinsics_of(usual),
         views=tuple(
             SnapshotView(
                 image=images[name].digest,

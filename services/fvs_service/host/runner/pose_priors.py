@@ -6,8 +6,8 @@ import numpy as np
 
 from fvs_engine.geometry.geodetic import camera_at
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
-from fvs_service.images.model import Image, Prior, PriorSource
-from fvs_service.scenes.model import Origin
+from fvs_schema.images import Image, Prior, PriorSource
+from fvs_schema.scenes import Origin
 from fvs_service.snapshots.georeferencing import position_sigma_m, world_position
 
 _ATTITUDE_SIGMA_DEG = 10.0

@@ -4,10 +4,10 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.records import Record
 from fvs_engine.sfm.settings import FocalPrior, SfmSettings
+from fvs_schema.jobs import JobRequest
+from fvs_schema.scenes import CameraPrior
 from fvs_service.host.runner.scene_folder import SceneFolder
-from fvs_service.jobs.model import JobRequest
 from fvs_service.jobs.stages import has_first_model
-from fvs_service.scenes.model import CameraPrior
 from fvs_service.settings import WorkerSettings
 
 

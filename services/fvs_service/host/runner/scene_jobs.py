@@ -34,6 +34,9 @@ from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.settings import PRESETS
 from fvs_engine.splat.views import TrainingView
+from fvs_schema.images import Image, Registration
+from fvs_schema.jobs import JobKind
+from fvs_schema.snapshots import SnapshotMetrics
 from fvs_schema.stages import Stage
 from fvs_service.host.protocol.messages import JobOutcome, RunJob
 from fvs_service.host.runner.artifacts import write_artifacts
@@ -46,11 +49,8 @@ from fvs_service.host.runner.scene_choice import choose, read_choice
 from fvs_service.host.runner.scene_folder import SceneFolder
 from fvs_service.host.runner.snapshot_models import SnapshotModels
 from fvs_service.images.files import file_name
-from fvs_service.images.model import Image, Registration
-from fvs_service.jobs.model import JobKind
 from fvs_service.jobs.stages import FIRST_IMAGES, has_first_model
 from fvs_service.settings import WorkerSettings
-from fvs_service.snapshots.model import SnapshotMetrics
 from fvs_service.storage.blobs import Blobs
 
 _FIRST_TRIED = "first-model-tried"

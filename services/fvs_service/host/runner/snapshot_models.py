@@ -12,8 +12,9 @@ from fvs_engine.scene.sparse_points import read_observations
 from fvs_engine.splat.ply import read_ply
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
+from fvs_schema.snapshots import SnapshotCameras, SnapshotMetrics
 from fvs_service.snapshots.artifacts import CAMERAS, COLMAP, GAUSSIANS, METRICS, find_artifact
-from fvs_service.snapshots.model import SnapshotCameras, SnapshotMetrics
+from fvs_service.snapshots.cameras import model_from_cameras, usual_camera
 from fvs_service.storage.blobs import Blobs
 
 _KEPT = 2
@@ -69,7 +70,7 @@ class SnapshotModels:
 
 def views_of(cameras: SnapshotCameras) -> tuple[PinholeView, ...]:
     """The registered views of a snapshot, named by the digests of their images."""
-    camera, poses = cameras.camera.pinhole, cameras.model_from_cameras()
+    camera, poses = usual_camera(cameras), model_from_cameras(cameras)
     return tuple(
         PinholeView(view.image, camera, pose.inverse())
         for view, pose in zip(cameras.views, poses, strict=True)

@@ -5,6 +5,7 @@ import time
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
+from fvs_schema.jobs import JobFailure, WaitReason
 from fvs_service.application import Storage
 from fvs_service.errors import (
     NotFoundError,
@@ -20,7 +21,6 @@ from fvs_service.host.worker.memory import job_need_bytes
 from fvs_service.host.worker.room import Room
 from fvs_service.host.worker.tries import Tries
 from fvs_service.images.repository import usable_images
-from fvs_service.jobs.model import JobError, WaitReason
 from fvs_service.jobs.repository import find_job
 from fvs_service.jobs.states import Turn
 
@@ -155,7 +155,7 @@ class Attempts:
             if job is None:
                 return
             full = tries.disk_full
-            error = JobError(
+            error = JobFailure(
                 code=OutOfSpaceError.code if full else "runner-died",
                 message=f"The job stopped {MAX_TRIES} times without progress: {tries.reason}",
                 hint="Free some space on the service's disk, then retry the job."

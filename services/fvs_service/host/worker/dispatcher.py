@@ -6,9 +6,9 @@ from collections.abc import Callable
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
+from fvs_schema.jobs import WaitReason
 from fvs_service.errors import ServiceError
 from fvs_service.host.worker.runner_requests import RunnerRequests
-from fvs_service.jobs.model import WaitReason
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.states import Turn
 

@@ -12,6 +12,8 @@ import structlog
 from fvs_engine.errors import Cancelled, EngineError, NoProcessError, ProcessDiedError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.files.storage import DiskFullError
+from fvs_schema.images import Image
+from fvs_schema.jobs import Job, JobFailure, JobKind, WaitReason
 from fvs_schema.stages import Stage
 from fvs_service.application import Storage
 from fvs_service.errors import OutOfSpaceError, ServiceError, StaleLeaseError, StorageUnavailableError
@@ -26,9 +28,7 @@ from fvs_service.host.worker.stage_spans import StageSpans
 from fvs_service.host.worker.working_copies import WorkingCopies
 from fvs_service.images.exclusion import quarantine
 from fvs_service.images.files import with_original_names
-from fvs_service.images.model import Image
 from fvs_service.images.repository import usable_images
-from fvs_service.jobs.model import Job, JobError, JobKind, WaitReason
 from fvs_service.jobs.repository import images_stage
 from fvs_service.jobs.timing import TIMING_STAGE, past_timings
 from fvs_service.jobs.work import Work, work_of
@@ -55,7 +55,7 @@ class _JobFailedError(Exception):
 
     def __init__(self, failure: Failure, stage: Stage | None) -> None:
         super().__init__(failure.message)
-        self.error = JobError(**failure.model_dump(exclude={"retry_after_s"}), stage=stage)
+        self.error = JobFailure(**failure.model_dump(exclude={"retry_after_s"}), stage=stage)
 
 
 class JobRuns:
@@ -107,7 +107,7 @@ class JobRuns:
             self._scenes.drop(scene)
             raise
         except (ServiceError, EngineError) as error:
-            failure = JobError(
+            failure = JobFailure(
                 code=error.code,
                 message=error.message,
                 hint=error.hint,

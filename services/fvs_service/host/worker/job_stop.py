@@ -3,13 +3,13 @@
 import contextlib
 import time
 
+from fvs_schema.jobs import Job, WaitReason
 from fvs_schema.stages import Stage
 from fvs_service.application import Storage
 from fvs_service.host.protocol.connection import RunnerError, RunnerGoneError, call
 from fvs_service.host.protocol.messages import CancelJob
 from fvs_service.host.worker.leased_scenes import LeasedScene
 from fvs_service.host.worker.room import Room
-from fvs_service.jobs.model import Job, WaitReason
 from fvs_service.jobs.stages import stage_of_job
 from fvs_service.jobs.work import Work
 

@@ -6,8 +6,8 @@ from collections.abc import Callable
 
 from fvs_engine.images.pixels import reduced_size
 from fvs_engine.splat.settings import memory_need_bytes
-from fvs_service.images.model import Image
-from fvs_service.jobs.model import JobKind, JobRequest
+from fvs_schema.images import Image
+from fvs_schema.jobs import JobKind, JobRequest
 from fvs_service.settings import WorkerSettings
 
 PROGRAM_BYTES = 700_000_000

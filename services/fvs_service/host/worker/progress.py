@@ -5,10 +5,10 @@ import time
 from collections.abc import Callable, Mapping, Sequence
 
 from fvs_engine.images.pixels import reduced_size
+from fvs_schema.images import Image, Registration
+from fvs_schema.jobs import Job, JobKind
 from fvs_schema.stages import Stage
 from fvs_service.host.protocol.messages import StageProgress
-from fvs_service.images.model import Image, Registration
-from fvs_service.jobs.model import Job, JobKind
 from fvs_service.jobs.stages import JobSize, stage_of_job
 from fvs_service.jobs.timing import JobTiming, expected_seconds
 from fvs_service.settings import WorkerSettings

@@ -23,8 +23,7 @@ from fvs_service.deletion.job_retention import JobRetention
 from fvs_service.deletion.retention import RetentionRules
 from fvs_service.errors import StorageUnavailableError
 from fvs_service.host.worker.deleted_images import DeletedImages, WithoutJobs, unless_locked
-from fvs_service.model import now
-from fvs_service.storage.clock import now_ms
+from fvs_service.storage.clock import now, now_ms
 from fvs_service.storage.removals import deleted_scenes
 from fvs_service.storage.tables import SweepRow
 

@@ -8,11 +8,12 @@ import re
 import zipfile
 from collections.abc import Iterator
 
-from fvs_service.errors import FieldError, InvalidRequestError
+from fvs_schema.error_codes import FieldError
+from fvs_schema.missions import Drone, Finish
+from fvs_schema.scenes import AltitudeDatum
+from fvs_service.errors import InvalidRequestError
 from fvs_service.missions.flight import Mission, Waypoint
 from fvs_service.missions.formats.xml_text import element, text
-from fvs_service.missions.model import Drone, Finish
-from fvs_service.scenes.model import AltitudeDatum
 
 DATUMS = frozenset({AltitudeDatum.TAKEOFF, AltitudeDatum.ELLIPSOID})
 _KML, _WPML = "http://www.opengis.net/kml/2.2", "http://www.dji.com/wpmz/1.0.2"

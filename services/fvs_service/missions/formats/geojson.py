@@ -9,9 +9,9 @@ from typing import Any
 
 import orjson
 
-from fvs_service.missions.fence import Corner
+from fvs_schema.missions import Corner
+from fvs_schema.scenes import AltitudeDatum
 from fvs_service.missions.flight import Mission, Waypoint
-from fvs_service.scenes.model import AltitudeDatum
 
 _DECIMALS = 9
 """A tenth of a millimetre."""

@@ -8,10 +8,10 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from enum import IntEnum
 
+from fvs_schema.missions import Autopilot, Finish
+from fvs_schema.scenes import AltitudeDatum
 from fvs_service.errors import InvalidRequestError
 from fvs_service.missions.flight import Mission, Waypoint
-from fvs_service.missions.model import Autopilot, Finish
-from fvs_service.scenes.model import AltitudeDatum
 
 DATUMS = frozenset({AltitudeDatum.TAKEOFF, AltitudeDatum.SEA_LEVEL})
 _MOST_ITEMS = 65_535

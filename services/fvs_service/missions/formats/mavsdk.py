@@ -8,9 +8,9 @@ from typing import Any
 
 import orjson
 
+from fvs_schema.missions import Finish
+from fvs_schema.scenes import AltitudeDatum
 from fvs_service.missions.flight import Mission, Waypoint
-from fvs_service.missions.model import Finish
-from fvs_service.scenes.model import AltitudeDatum
 
 DATUMS = frozenset({AltitudeDatum.TAKEOFF})
 

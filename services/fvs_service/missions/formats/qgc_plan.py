@@ -5,9 +5,9 @@ from typing import Any
 
 import orjson
 
+from fvs_schema.missions import Autopilot
 from fvs_service.missions.flight import Mission
 from fvs_service.missions.formats.mavlink_items import Frame, Item, frame_of, items_of
-from fvs_service.missions.model import Autopilot
 
 _FIRMWARE = {Autopilot.ARDUPILOT: 3, Autopilot.PX4: 12}
 """``MAV_AUTOPILOT``."""

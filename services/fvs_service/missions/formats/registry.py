@@ -3,6 +3,8 @@
 from collections.abc import Callable
 from dataclasses import dataclass
 
+from fvs_schema.missions import MissionFormat
+from fvs_schema.scenes import AltitudeDatum
 from fvs_service.missions.camera_poses import CameraPoses
 from fvs_service.missions.flight import Mission
 from fvs_service.missions.formats import (
@@ -16,8 +18,6 @@ from fvs_service.missions.formats import (
     ros,
     table,
 )
-from fvs_service.missions.model import MissionFormat
-from fvs_service.scenes.model import AltitudeDatum
 
 _ALL = frozenset(AltitudeDatum)
 _JSON = "application/json"

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from scipy.stats import spearmanr
 
-from fvs_engine.candidates import CandidateStatus
 from fvs_engine.images.pixels import load_rgb
 from fvs_engine.lab.evaluate.calibration import calibrate, rank_correlation
 from fvs_engine.lab.evaluate.held_out import evaluate
@@ -17,6 +16,7 @@ from fvs_engine.select.candidate_views import align
 from fvs_engine.select.loop import SelectionLoop
 from fvs_engine.splat.metrics import psnr
 from fvs_engine.splat.raster import create_rasterizer
+from fvs_schema.candidates import CandidateStatus
 
 PSNR_DB = {"a": 10.0, "b": 15.0, "c": 20.0, "d": 25.0}
 ALL = frozenset(PSNR_DB)

@@ -10,7 +10,6 @@ import torch
 from scipy.spatial import KDTree
 from scipy.stats import spearmanr
 
-from fvs_engine.candidates import CandidateStatus
 from fvs_engine.compilation.kernels import F
 from fvs_engine.errors import Cancelled, InvalidInputError
 from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at
@@ -25,6 +24,7 @@ from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.splat.raster.reference_projection import project
 from fvs_engine.views import PinholeView
+from fvs_schema.candidates import CandidateStatus
 
 CAMERA = PinholeCamera(128, 96, 110.0, 110.0, 64.0, 48.0)
 

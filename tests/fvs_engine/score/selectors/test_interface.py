@@ -3,12 +3,12 @@ from dataclasses import dataclass
 import pytest
 import torch
 
-from fvs_engine.candidates import CandidateStatus
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.lab.baselines import SELECTORS, create_selector
 from fvs_engine.score import CandidateScore
 from fvs_engine.score.selectors.interface import select
 from fvs_engine.splat.raster import create_rasterizer
+from fvs_schema.candidates import CandidateStatus
 
 
 @dataclass

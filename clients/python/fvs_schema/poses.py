@@ -1,30 +1,42 @@
 """Poses of cameras."""
 
 import math
-from typing import Literal, Self
+from collections.abc import Mapping
+from typing import Annotated, Any, Literal, Self
 
-from pydantic import field_validator
+from pydantic import ConfigDict, Discriminator, Tag, field_validator
 
-from fvs_client.models.base import Input, Quaternion, Vector
-from fvs_client.models.scenes import AltitudeDatum
+from fvs_schema.base import Input
+from fvs_schema.quantities import Altitude, Latitude, Longitude, Quaternion, Tilt, Vector, Yaw
+from fvs_schema.scenes import AltitudeDatum
 
 _UNIT_TOLERANCE = 1e-3
 
 
 class FramePose(Input):
-    """Pose of an OpenCV camera (x right, y down, z forward), as frame_from_camera."""
+    """A camera's pose: frame_from_camera of an OpenCV camera (x right, y down, z forward)."""
+
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {"frame": "world", "position": [0.0, 0.0, -3.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}
+            ]
+        }
+    )
 
     frame: Literal["world", "model"] = "world"
+    """The frame of position and orientation."""
     position: Vector
+    """The camera's centre, x, y, z."""
     orientation_wxyz: Quaternion
+    """The rotation from the camera to the frame, a unit quaternion, w first."""
 
     @field_validator("orientation_wxyz")
     @classmethod
     def _unit(cls, value: Quaternion) -> Quaternion:
-        if abs(math.hypot(*value) - 1.0) > _UNIT_TOLERANCE:
-            raise ValueError(
-                f"a unit quaternion, w first; the length of this one is {math.hypot(*value):.4g}"
-            )
+        length = math.hypot(*value)
+        if abs(length - 1.0) > _UNIT_TOLERANCE:
+            raise ValueError(f"a unit quaternion, w first; the length of this one is {length:.4g}")
         return value
 
     @classmethod
@@ -46,25 +58,41 @@ class FramePose(Input):
 
 
 class VehiclePose(Input):
-    """Geodetic pose of a vehicle's camera: yaw clockwise from north, pitch up, roll right side down."""
+    """A camera's pose from a vehicle: yaw clockwise from north, pitch up, roll with the right side down."""
 
-    latitude_deg: float
-    longitude_deg: float
-    altitude_m: float
+    latitude_deg: Latitude
+    """Geodetic latitude on WGS 84, north positive."""
+    longitude_deg: Longitude
+    """Longitude, east positive."""
+    altitude_m: Altitude
+    """Altitude above `altitude_datum`."""
     altitude_datum: AltitudeDatum = AltitudeDatum.SEA_LEVEL
-    yaw_deg: float
-    pitch_deg: float
-    roll_deg: float = 0.0
+    """What the altitude is measured from; that of the scene."""
+    yaw_deg: Yaw
+    """The camera's heading, clockwise from north."""
+    pitch_deg: Tilt
+    """Up is positive: -90 looks straight down."""
+    roll_deg: Tilt = 0.0
+    """Positive with the right side down."""
 
 
-def pose_text(pose: FramePose | VehiclePose) -> str:
-    """A pose in a table."""
-    if isinstance(pose, VehiclePose):
-        return (
-            f"{pose.latitude_deg:.6f} {pose.longitude_deg:.6f} {pose.altitude_m:.1f} m, "
-            f"yaw {pose.yaw_deg:.0f}° pitch {pose.pitch_deg:.0f}°"
-        )
-    return " ".join(f"{part:.2f}" for part in pose.position)
+def _kind_of_pose(value: Any) -> str:
+    geodetic = isinstance(value, VehiclePose) or (isinstance(value, Mapping) and "latitude_deg" in value)
+    return "vehicle" if geodetic else "frame"
+
+
+Pose = Annotated[
+    Annotated[FramePose, Tag("frame")] | Annotated[VehiclePose, Tag("vehicle")], Discriminator(_kind_of_pose)
+]
+
+
+PoseFrame = Literal["world", "model", "geodetic"]
+"""In which frame a pose is given; geodetic is a ``VehiclePose``, the others are a ``FramePose``."""
+
+
+def frame_of(pose: FramePose | VehiclePose) -> PoseFrame:
+    """The frame in which a pose is given."""
+    return "geodetic" if isinstance(pose, VehiclePose) else pose.frame
 
 
 def _minus(a: Vector, b: Vector) -> Vector:

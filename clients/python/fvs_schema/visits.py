@@ -1,18 +1,21 @@
 """Reports of visits, and visits."""
 
-from enum import StrEnum
 from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from fvs_service.model import WHOLE, Model, Timestamp, of_fields, within
-from fvs_service.rankings.model import CandidateId, CandidateRequest, VehicleName
-from fvs_service.scenes.poses import Pose
+from fvs_schema.base import Input, Output, Timestamp
+from fvs_schema.candidates import Candidate
+from fvs_schema.checks import of_fields, within
+from fvs_schema.names import CandidateId, VehicleName
+from fvs_schema.poses import Pose
+from fvs_schema.quantities import WHOLE
+from fvs_schema.words import Word
 
 _MOST_VIEWS = 100
 
 
-class VisitState(StrEnum):
+class VisitState(Word):
     """What a vehicle does about a view."""
 
     GOING_TO = "going-to"
@@ -23,7 +26,7 @@ class VisitState(StrEnum):
     """It could not take the photograph: the view is free for the others."""
 
 
-class VisitReport(Model):
+class VisitReport(Input):
     """What a vehicle does about views; it replaces its earlier reports of the same views.
 
     A view is the same if its id and its pose are: rankings give the same ids to other poses.
@@ -55,7 +58,7 @@ class VisitReport(Model):
     """A name that this vehicle keeps, such as its serial number."""
     state: VisitState
     """What the vehicle does about these views."""
-    views: Annotated[tuple[CandidateRequest, ...], Field(min_length=1, fail_fast=True), within(_MOST_VIEWS)]
+    views: Annotated[tuple[Candidate, ...], Field(min_length=1, fail_fast=True), within(_MOST_VIEWS)]
     """Candidates of a ranking or of a plan, at most 100."""
     expires_in_s: Annotated[int, Field(strict=True, ge=1, le=86_400), WHOLE] = 600
     """The report counts for this time, unless it is repeated, so that a lost vehicle blocks no view."""
@@ -70,7 +73,7 @@ class VisitReport(Model):
         return self
 
 
-class Visit(Model):
+class Visit(Output):
     """A view that a vehicle has reported."""
 
     vehicle: VehicleName
@@ -87,7 +90,7 @@ class Visit(Model):
     """When the report no longer counts."""
 
 
-class VisitList(Model):
+class VisitList(Output):
     """The visits of a scene that have not expired, the oldest report first."""
 
     visits: tuple[Visit, ...]

@@ -1,6 +1,16 @@
-"""The codes of errors."""
+"""The codes of errors, and the invalid fields that errors name. Imports nothing heavy."""
 
-from fvs_client.models.base import Word
+from dataclasses import dataclass
+
+from fvs_schema.words import Word
+
+
+@dataclass(frozen=True)
+class FieldError:
+    """An invalid part of the input: its location (``candidates.3.id``) and the reason."""
+
+    field: str
+    message: str
 
 
 class ErrorCode(Word):

@@ -4,34 +4,26 @@ from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from fvs_engine.plan.plan_records import Expectation as EngineExpectation
-from fvs_service.model import WHOLE, Count, Listing, Model, Number, Timestamp, of_fields, within
-from fvs_service.quantities import Length
-from fvs_service.rankings.model import (
-    CandidateRequest,
-    Dataset,
-    Grid,
-    InVolume,
-    Orbit,
-    SafetyDistance,
-    VehicleName,
-    Zones,
-)
-from fvs_service.rankings.warnings import RankingWarning
-from fvs_service.scenes.model import Alignment, Origin
-from fvs_service.scenes.poses import FramePose, Pose, PoseFrame, VehiclePose
+from fvs_schema.base import Input, Listing, Output, Timestamp
+from fvs_schema.candidates import Candidate, Dataset, Grid, InVolume, Orbit, SafetyDistance, Zones
+from fvs_schema.checks import of_fields, within
+from fvs_schema.names import VehicleName
+from fvs_schema.poses import Pose, PoseFrame, frame_of
+from fvs_schema.quantities import WHOLE, Count, Length, Number
+from fvs_schema.rankings import RankingWarning
+from fvs_schema.scenes import Alignment, Origin
 
 _MOST_VEHICLES = 20
 
 
 PlanGenerator = Annotated[Orbit | Grid | Dataset | InVolume, Field(discriminator="kind")]
 _Candidates = Annotated[
-    tuple[CandidateRequest, ...], Field(min_length=1, fail_fast=True), within("candidates_per_ranking")
+    tuple[Candidate, ...], Field(min_length=1, fail_fast=True), within("candidates_per_ranking")
 ]
 _Vehicles = Annotated[tuple[Pose, ...], Field(min_length=1, fail_fast=True), within(_MOST_VEHICLES)]
 
 
-class PlanRequest(Model):
+class PlanRequest(Input):
     """Candidates to plan with: `candidates`, or those of a `generator`; by default an orbit.
 
     Lengths are in the unit of the scene's world frame: metres once it is georeferenced.
@@ -107,7 +99,7 @@ class PlanRequest(Model):
     def complete(self) -> Self:
         """The same request with a generator, where it has neither that nor candidates."""
         if self.candidates is None and self.generator is None:
-            return self.model_copy(update={"generator": Orbit(kind="orbit")})
+            return self.model_copy(update={"generator": Orbit()})
         return self
 
     @property
@@ -115,7 +107,7 @@ class PlanRequest(Model):
         """Whether all its poses are given, and come back, in the model frame."""
         given = [item.pose for item in (*(self.candidates or ()), *(self.targets or ()))]
         poses = (*given, *(self.vehicles or ()))
-        in_model = all(isinstance(pose, FramePose) and pose.frame == "model" for pose in poses)
+        in_model = all(frame_of(pose) == "model" for pose in poses)
         given_all = self.candidates is not None and not self.no_fly
         return given_all and self.frame in (None, "model") and in_model
 
@@ -125,7 +117,7 @@ class PlanRequest(Model):
         return isinstance(self.generator, InVolume) or self.safety_m is not None or bool(self.no_fly)
 
 
-class Expectation(Model):
+class Expectation(Output):
     """The variance of the targets, and the PSNR to expect of their renders."""
 
     variance: Number
@@ -138,26 +130,13 @@ class Expectation(Model):
     high_db: Number | None
     """The upper end of that interval."""
 
-    @classmethod
-    def of(cls, expectation: EngineExpectation) -> Self:
-        """The engine's expectation."""
-        forecast = expectation.forecast
-        if forecast is None:
-            return cls(variance=expectation.variance, psnr_db=None, low_db=None, high_db=None)
-        return cls(
-            variance=expectation.variance,
-            psnr_db=forecast.db,
-            low_db=forecast.low_db,
-            high_db=forecast.high_db,
-        )
 
-
-class Stop(Model):
+class Stop(Output):
     """A candidate to photograph; `distance_m` is the way from the stop before, `travel_m` from the start."""
 
     id: str
     """The candidate's id."""
-    pose: FramePose | VehiclePose
+    pose: Pose
     """Where its camera is, and where that looks."""
     distance_m: Number
     """The length of the way from the stop before, or from where the vehicle is."""
@@ -166,12 +145,12 @@ class Stop(Model):
     after: Expectation
     """What to expect once this stop and all earlier ones, those of other vehicles included, have been
     photographed."""
-    via: tuple[FramePose | VehiclePose, ...] = ()
+    via: tuple[Pose, ...] = ()
     """Poses to pass on the way to it, in order, when something is in the straight line; they have the
     orientation of the stop."""
 
 
-class Tour(Model):
+class Tour(Output):
     """The flight of one vehicle, which is the `vehicle`-th of the request, from 0."""
 
     vehicle: Count
@@ -180,11 +159,11 @@ class Tour(Model):
     """The candidates to photograph, in order."""
     length_m: Number
     """The length of the flight, home included if requested."""
-    via_home: tuple[FramePose | VehiclePose, ...] = ()
+    via_home: tuple[Pose, ...] = ()
     """Poses to pass on the way home, as in `via` of a stop; they have the orientation of the last stop."""
 
 
-class CandidateTerms(Model):
+class CandidateTerms(Output):
     """Why a candidate is, or is not, in the plan."""
 
     id: str
@@ -210,7 +189,7 @@ class CandidateTerms(Model):
     is in view, and beyond the first 100 candidates."""
 
 
-class Plan(Model):
+class Plan(Output):
     """An immutable plan, with all that is needed to repeat it."""
 
     id: str
@@ -243,7 +222,7 @@ class Plan(Model):
     """When it was made."""
 
 
-class PlanSummary(Model):
+class PlanSummary(Output):
     """What a list tells of a plan."""
 
     id: str

@@ -1,33 +1,31 @@
 """Scenes: requests, settings, alignment."""
 
-import hashlib
-from enum import StrEnum
-from functools import cached_property
 from typing import Annotated, Literal, Self
 
-from pydantic import ConfigDict, Field, ValidationInfo, computed_field, field_validator, model_validator
+from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_validator
 
-from fvs_engine.images.focal import PLAUSIBLE_SHARE
-from fvs_service.model import (
+from fvs_schema.base import Input, Listing, Output, Page, Timestamp
+from fvs_schema.checks import of_fields
+from fvs_schema.names import SceneName
+from fvs_schema.quantities import (
+    PLAUSIBLE_SHARE,
     WHOLE,
+    Altitude,
     Count,
-    Listing,
-    Model,
+    Days,
+    FocalLength,
+    ImageWidth,
+    Latitude,
+    Longitude,
     Number,
-    Page,
     PositiveNumber,
-    Timestamp,
+    Quaternion,
     Triple,
-    of_fields,
 )
-from fvs_service.quantities import Altitude, Days, FocalLength, ImageWidth, Latitude, Longitude, Quaternion
-
-SCENE_NAME = r"^[^\x00-\x1f\x7f]+$"
-SceneName = Annotated[str, Field(min_length=1, max_length=200, pattern=SCENE_NAME)]
-"""A name for people; several scenes may have the same."""
+from fvs_schema.words import Word
 
 
-class AltitudeDatum(StrEnum):
+class AltitudeDatum(Word):
     """The surface or point from which altitudes are measured."""
 
     ELLIPSOID = "ellipsoid"
@@ -38,7 +36,7 @@ class AltitudeDatum(StrEnum):
     """The point of takeoff."""
 
 
-class Origin(Model):
+class Origin(Input):
     """The origin of the ENU world frame (x east, y north, z up, in metres). It never moves."""
 
     latitude_deg: Latitude
@@ -51,24 +49,24 @@ class Origin(Model):
     """What the altitude is measured from."""
 
 
-class AutomaticWorld(Model):
+class AutomaticWorld(Input):
     """ENU, in metres, with the first position prior as origin; the model frame while there is none."""
 
-    kind: Literal["automatic"]
+    kind: Literal["automatic"] = "automatic"
     """The frame follows from the images."""
 
 
-class LocalWorld(Model):
+class LocalWorld(Input):
     """A frame of your own, z up, in metres: positions of images are given in it, and GPS is ignored."""
 
-    kind: Literal["local"]
+    kind: Literal["local"] = "local"
     """The frame is your own."""
 
 
-class EnuWorld(Model):
+class EnuWorld(Input):
     """ENU, in metres, with an origin of your own."""
 
-    kind: Literal["enu"]
+    kind: Literal["enu"] = "enu"
     """The frame has an origin on Earth."""
     origin: Origin
     """Where x, y and z are 0."""
@@ -77,7 +75,7 @@ class EnuWorld(Model):
 World = Annotated[AutomaticWorld | LocalWorld | EnuWorld, Field(discriminator="kind")]
 
 
-class CameraPrior(Model):
+class CameraPrior(Input):
     """A focal length prior for images without one in their EXIF."""
 
     width_px: ImageWidth
@@ -96,7 +94,7 @@ class CameraPrior(Model):
         return value
 
 
-class Trigger(StrEnum):
+class Trigger(Word):
     """What starts updates automatically."""
 
     ON_REQUEST = "on-request"
@@ -104,7 +102,7 @@ class Trigger(StrEnum):
     EVERY_K_IMAGES = "every-k-images"
 
 
-class Policy(Model):
+class Policy(Input):
     """When updates start automatically."""
 
     trigger: Trigger = Trigger.ON_REQUEST
@@ -115,7 +113,7 @@ class Policy(Model):
     """The number of images before the first update; fewer are seldom enough for a model."""
 
 
-class Retention(Model):
+class Retention(Input):
     """How long snapshots, rankings and plans are kept; null means the service's setting.
 
     A scene's current snapshot, its newest of each kind, and pinned ones always stay.
@@ -135,7 +133,7 @@ class Retention(Model):
     """Maximum age of plans."""
 
 
-class SceneRequest(Model):
+class SceneRequest(Input):
     """A scene to create."""
 
     model_config = ConfigDict(
@@ -156,7 +154,7 @@ class SceneRequest(Model):
 
     name: SceneName
     """A name for people; several scenes may have the same."""
-    world: World = AutomaticWorld(kind="automatic")
+    world: World = AutomaticWorld()
     """The frame of poses and positions; by default automatic."""
     camera: CameraPrior | None = None
     """A focal length prior for images without one in their EXIF."""
@@ -166,7 +164,7 @@ class SceneRequest(Model):
     """What is kept; by default as the service is set."""
 
 
-class SceneChange(Model):
+class SceneChange(Input):
     """Changes to a scene; settings that are not given stay."""
 
     model_config = ConfigDict(
@@ -187,7 +185,7 @@ class SceneChange(Model):
         return self
 
 
-class SceneSize(Model):
+class SceneSize(Output):
     """The disk space of a scene."""
 
     scene_id: str
@@ -202,7 +200,7 @@ class SceneSize(Model):
     """All of it."""
 
 
-class AlignmentStatus(StrEnum):
+class AlignmentStatus(Word):
     """Whether the model is aligned with the world frame."""
 
     MODEL = "model"
@@ -212,7 +210,7 @@ class AlignmentStatus(StrEnum):
     """Aligned, but the cameras lie on a line, so the rotation about it is uncertain."""
 
 
-class Alignment(Model):
+class Alignment(Output):
     """The similarity world_from_model, and how well it fits."""
 
     status: AlignmentStatus = AlignmentStatus.MODEL
@@ -231,7 +229,7 @@ class Alignment(Model):
     """The number of registered images with a position prior."""
 
 
-class ImageCounts(Model):
+class ImageCounts(Output):
     """Numbers of images."""
 
     received: Count = 0
@@ -253,7 +251,7 @@ class ImageCounts(Model):
         return self.accepted - self.excluded - self.quarantined
 
 
-class Scene(Model):
+class Scene(Output):
     """A scene: its settings, its numbers of images, and its latest snapshot."""
 
     id: str
@@ -270,7 +268,7 @@ class Scene(Model):
     """When updates start by themselves."""
     retention: Retention
     """How long snapshots and rankings are kept."""
-    images: ImageCounts
+    image_counts: ImageCounts
     """Numbers of images."""
     snapshot_id: str | None
     """The latest snapshot; null before the first update."""
@@ -279,12 +277,8 @@ class Scene(Model):
     created_at: Timestamp
     """When it was created."""
 
-    @computed_field  # type: ignore[prop-decorator]
-    @cached_property
-    def etag(self) -> str:
-        """A tag of the scene as it is: it changes with every other field."""
-        content = self.model_dump_json(exclude={"etag"})
-        return hashlib.sha256(content.encode()).hexdigest()[:32]
+    etag: str
+    """A tag of the scene as it is: it changes with every other field."""
 
 
 class ScenePage(Page):

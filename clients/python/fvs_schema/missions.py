@@ -1,18 +1,22 @@
 """Requests for missions, and the files that they become."""
 
 from dataclasses import dataclass
-from enum import StrEnum
 from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from fvs_service.missions.fence import Corner
-from fvs_service.model import WHOLE, Model, Number, of_fields, within
-from fvs_service.plans.model import Stop
-from fvs_service.quantities import Altitude, AsText, Latitude, Longitude, Tilt
-from fvs_service.rankings.model import CandidateId, RankedCandidate
-from fvs_service.scenes.model import AltitudeDatum
-from fvs_service.scenes.poses import Pose
+from fvs_schema.base import Input
+from fvs_schema.checks import of_fields, within
+from fvs_schema.names import CandidateId
+from fvs_schema.plans import Stop
+from fvs_schema.poses import Pose
+from fvs_schema.quantities import WHOLE, Altitude, AsText, Latitude, Longitude, Number, Tilt
+from fvs_schema.rankings import RankedCandidate
+from fvs_schema.scenes import AltitudeDatum
+from fvs_schema.words import Word
+
+Corner = tuple[float, float]
+"""Latitude and longitude."""
 
 _MOST_CORNERS = 200
 _MOST_VIA = 200
@@ -23,7 +27,7 @@ _Radius = Annotated[Number, Field(ge=0.05, le=100)]
 _Hold = Annotated[Number, Field(ge=0, le=600)]
 
 
-class MissionFormat(StrEnum):
+class MissionFormat(Word):
     """What a mission is written for."""
 
     QGC_PLAN = "qgc-plan"
@@ -56,14 +60,14 @@ class MissionFormat(StrEnum):
         )
 
 
-class Autopilot(StrEnum):
+class Autopilot(Word):
     """The firmware that reads MAVLink commands; the two differ in how they turn and take photographs."""
 
     ARDUPILOT = "ardupilot"
     PX4 = "px4"
 
 
-class Drone(StrEnum):
+class Drone(Word):
     """An aircraft of DJI, with its own camera."""
 
     M30 = "m30"
@@ -75,7 +79,7 @@ class Drone(StrEnum):
     M3TD = "m3td"
 
 
-class Finish(StrEnum):
+class Finish(Word):
     """What a vehicle does after the last view."""
 
     RETURN = "return"
@@ -84,7 +88,7 @@ class Finish(StrEnum):
     """It stays at the last view."""
 
 
-class MissionOptions(Model):
+class MissionOptions(Input):
     """How a mission is flown and written. Heights are above home; altitudes have the scene's datum."""
 
     format: MissionFormat = Field(description="What the mission is written for.")
@@ -214,7 +218,7 @@ class PlanMissionOptions(MissionOptions):
 _OF_STOPS_AND_CANDIDATES = Stop.model_fields.keys() | RankedCandidate.model_fields.keys()
 
 
-class MissionView(Model):
+class MissionView(Input):
     """A view to photograph. A stop of a plan, or a candidate of a ranking, is one as it is.
 
     Their other fields, such as `score`, are not used.
@@ -236,7 +240,7 @@ class MissionView(Model):
         return {name: part for name, part in value.items() if name not in unused}
 
 
-class MissionRequest(Model):
+class MissionRequest(Input):
     """Views to photograph, in the order of the flight."""
 
     model_config = ConfigDict(

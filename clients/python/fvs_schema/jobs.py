@@ -1,15 +1,17 @@
 """Jobs: requests, states, errors."""
 
-from enum import StrEnum
 from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
+from fvs_schema.base import Input, Listing, Output, Page, Timestamp
+from fvs_schema.checks import of_fields
+from fvs_schema.quantities import WHOLE, Count, Number
 from fvs_schema.stages import Stage
-from fvs_service.model import WHOLE, Count, Listing, Model, Number, Page, Timestamp, of_fields
+from fvs_schema.words import Word
 
 
-class JobKind(StrEnum):
+class JobKind(Word):
     """The kind of a job."""
 
     UPDATE = "update"
@@ -18,7 +20,7 @@ class JobKind(StrEnum):
     """Train the final model with the current cameras."""
 
 
-class JobState(StrEnum):
+class JobState(Word):
     """The state of a job."""
 
     QUEUED = "queued"
@@ -33,7 +35,7 @@ class JobState(StrEnum):
         return self in (JobState.SUCCEEDED, JobState.FAILED, JobState.CANCELED)
 
 
-class JobRequest(Model):
+class JobRequest(Input):
     """A job to queue."""
 
     model_config = ConfigDict(
@@ -61,7 +63,7 @@ class JobRequest(Model):
         return self
 
 
-class JobError(Model):
+class JobFailure(Output):
     """Why a job failed."""
 
     code: str
@@ -76,7 +78,7 @@ class JobError(Model):
     """The stage that failed; null before the first."""
 
 
-class WaitReason(StrEnum):
+class WaitReason(Word):
     """Why a job waits."""
 
     QUEUE = "queue"
@@ -93,7 +95,7 @@ class WaitReason(StrEnum):
     """No worker is alive."""
 
 
-class Waiting(Model):
+class JobWaiting(Output):
     """Why a job does not run now, and when it may: it is queued, or pauses for others."""
 
     place: Count
@@ -106,7 +108,7 @@ class Waiting(Model):
     """Estimated time until its turn; null while unknown."""
 
 
-class Job(Model):
+class Job(Output):
     """A job and its progress."""
 
     id: str
@@ -125,7 +127,7 @@ class Job(Model):
     """Progress of the whole job, in [0, 1]; never decreases within an attempt."""
     eta_s: Number | None
     """An estimate of the time that it still has to run."""
-    waiting: Waiting | None = None
+    waiting: JobWaiting | None = None
     """Why it does not run now; null while it runs, and when it has ended."""
     attempt: Count
     """Counts from 1; `…:retry` begins another."""
@@ -133,7 +135,7 @@ class Job(Model):
     """Whether it ends as soon as it can."""
     warnings: tuple[str, ...]
     """What limits the use of the result, each a sentence."""
-    error: JobError | None
+    error: JobFailure | None
     """Why it failed; null unless it has."""
     snapshot_id: str | None
     """The job's latest snapshot."""

@@ -1,28 +1,19 @@
 """Snapshots, their metrics, artifacts and cameras."""
 
-from typing import Annotated, Self
+from typing import Annotated
 
-import numpy as np
 from pydantic import ConfigDict, Field
 
-from fvs_engine.geometry import PinholeCamera, RigidTransform, matrix_from_quaternion
-from fvs_service.jobs.model import JobKind
-from fvs_service.model import Count, Digest, Listing, Model, Number, PositiveNumber, Timestamp, Triple
-from fvs_service.quantities import Quaternion
-from fvs_service.scenes.model import Alignment
+from fvs_schema.base import Input, Listing, Output, Timestamp
+from fvs_schema.jobs import JobKind
+from fvs_schema.names import Digest
+from fvs_schema.quantities import Count, Number, PositiveNumber, Quaternion, Triple
+from fvs_schema.scenes import Alignment
 
 ARTIFACT_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
 
-MEDIA_TYPES = {
-    ".ply": "application/ply",
-    ".spz": "application/octet-stream",
-    ".json": "application/json",
-    ".zip": "application/zip",
-    ".safetensors": "application/octet-stream",
-}
 
-
-class Artifact(Model):
+class Artifact(Output):
     """One file of a snapshot."""
 
     name: Annotated[str, Field(pattern=ARTIFACT_NAME)]
@@ -35,7 +26,7 @@ class Artifact(Model):
     """The SHA-256 of its bytes, in hexadecimal."""
 
 
-class SnapshotMetrics(Model):
+class SnapshotMetrics(Output):
     """The size and the quality of a model."""
 
     registered: Count
@@ -59,7 +50,7 @@ class SnapshotMetrics(Model):
     them: a measure of quality that holds out no image. Null without a previous snapshot or new images."""
 
 
-class Snapshot(Model):
+class Snapshot(Output):
     """An immutable model: cameras, points, Gaussians, metrics and its alignment with the world."""
 
     id: str
@@ -82,7 +73,7 @@ class Snapshot(Model):
     """When it was made."""
 
 
-class SnapshotChange(Model):
+class SnapshotChange(Input):
     """Changes to a snapshot."""
 
     model_config = ConfigDict(json_schema_extra={"examples": [{"pinned": True}]})
@@ -95,7 +86,7 @@ class SnapshotList(Listing[Snapshot]):
     """Snapshots of a scene, the newest first."""
 
 
-class PinholeIntrinsics(Model):
+class PinholeIntrinsics(Output):
     """A pinhole camera, in px."""
 
     width_px: Annotated[int, Field(gt=0)]
@@ -105,25 +96,8 @@ class PinholeIntrinsics(Model):
     cx_px: Number
     cy_px: Number
 
-    @classmethod
-    def of(cls, camera: PinholeCamera) -> Self:
-        """The intrinsics of an engine's camera."""
-        return cls(
-            width_px=camera.width,
-            height_px=camera.height,
-            fx_px=camera.fx,
-            fy_px=camera.fy,
-            cx_px=camera.cx,
-            cy_px=camera.cy,
-        )
 
-    @property
-    def pinhole(self) -> PinholeCamera:
-        """The engine's camera with these intrinsics."""
-        return PinholeCamera(self.width_px, self.height_px, self.fx_px, self.fy_px, self.cx_px, self.cy_px)
-
-
-class SnapshotView(Model):
+class SnapshotView(Output):
     """A registered image and its camera's pose in the model frame (model_from_camera)."""
 
     image: Digest
@@ -132,7 +106,7 @@ class SnapshotView(Model):
     orientation_wxyz: Quaternion
 
 
-class SnapshotCameras(Model):
+class SnapshotCameras(Output):
     """The artifact `cameras.json`: the poses of the registered images, in the model frame.
 
     ``camera`` is the camera of most images, at the size at which rankings are rendered; ``centre`` is the
@@ -146,13 +120,3 @@ class SnapshotCameras(Model):
     up: Triple
     lower: Triple
     upper: Triple
-
-    def model_from_cameras(self) -> tuple[RigidTransform, ...]:
-        """The poses of ``views``, in their order."""
-        rotations = matrix_from_quaternion(
-            np.array([view.orientation_wxyz for view in self.views]).reshape(-1, 4)
-        )
-        return tuple(
-            RigidTransform(rotation, np.array(view.position))
-            for rotation, view in zip(rotations, self.views, strict=True)
-        )

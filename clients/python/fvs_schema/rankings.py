@@ -1,122 +1,31 @@
 """Requests for rankings, and rankings."""
 
 from functools import cached_property
-from typing import Annotated, Literal, Self
+from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from fvs_engine import candidates as engine
-from fvs_engine.candidates import CandidateStatus
-from fvs_engine.choices import Method
-from fvs_engine.plan.volumes import Volume
-from fvs_service.model import WHOLE, Count, Listing, Model, Number, Timestamp, of_fields, within
-from fvs_service.quantities import MAX_COORDINATE_M, Coordinate, Length, Vector
-from fvs_service.rankings.warnings import RankingWarning
-from fvs_service.scenes.model import Alignment, Origin
-from fvs_service.scenes.poses import FramePose, Pose, PoseFrame
-
-CANDIDATE_ID = r"^[A-Za-z0-9][A-Za-z0-9._~:@+-]{0,127}$"
-CandidateId = Annotated[str, Field(pattern=CANDIDATE_ID)]
-VEHICLE_NAME = r"^[A-Za-z0-9][A-Za-z0-9._~:@+-]{0,63}$"
-VehicleName = Annotated[str, Field(pattern=VEHICLE_NAME)]
-_PoseCount = Annotated[int, Field(strict=True, ge=1, le=2_000), WHOLE]
+from fvs_schema.base import Input, Listing, Output, Timestamp
+from fvs_schema.candidates import (
+    AroundCurrent,
+    Candidate,
+    CandidateStatus,
+    Generator,
+    Orbit,
+    SafetyDistance,
+    Zones,
+)
+from fvs_schema.checks import of_fields, within
+from fvs_schema.names import VehicleName
+from fvs_schema.poses import Pose, PoseFrame, frame_of
+from fvs_schema.quantities import WHOLE, Count, Length, Number
+from fvs_schema.scenes import Alignment, Origin
+from fvs_schema.words import Method, Word
 
 _FEW_CANDIDATES = 100
-_MOST_ZONES = 20
 
 
-class CandidateRequest(Model):
-    """A pose that could be photographed next."""
-
-    id: CandidateId
-    """A name of your own for it, which the answer repeats."""
-    pose: Pose
-    """Where its camera is, and where that looks."""
-
-
-class Orbit(Model):
-    """Poses on a circle around the middle of the model, looking at it."""
-
-    kind: Literal["orbit"]
-    """The generator's name."""
-    count: _PoseCount = 24
-    """How many poses."""
-    radius_m: Length | None = None
-    """Radius of the circle; by default the median horizontal distance of the images from the middle."""
-    height_m: Coordinate | None = None
-    """Height above the middle of the model; by default the median height of the images."""
-    centre: Vector | None = None
-    """Middle of the circle, in the world frame; by default the middle of the model."""
-
-
-class Grid(Model):
-    """Poses on a level grid above the model, looking straight down or at its middle."""
-
-    kind: Literal["grid"]
-    """The generator's name."""
-    columns: Annotated[int, Field(strict=True, ge=1, le=100), WHOLE] = 6
-    """How many poses along the grid's first side."""
-    rows: Annotated[int, Field(strict=True, ge=1, le=100), WHOLE] = 6
-    """How many poses along its second side."""
-    height_m: Coordinate | None = None
-    """Height above the middle of the model; by default that of the highest image."""
-    look: Literal["centre", "down"] = "centre"
-    """Straight down, or at the middle of the model."""
-
-
-class Dataset(Model):
-    """Poses halfway between neighbouring images."""
-
-    kind: Literal["dataset"]
-    """The generator's name."""
-
-
-class AroundCurrent(Model):
-    """Poses spread evenly in the ball of `radius_m` around the current pose, looking at the model."""
-
-    kind: Literal["around-current"]
-    """The generator's name."""
-    count: _PoseCount = 32
-    """How many poses."""
-
-
-class InVolume(Model):
-    """Poses spread evenly over a volume, clear of the model's matter, that have some of it in their frame.
-
-    Coordinates and lengths are those of the world frame.
-    """
-
-    kind: Literal["in-volume"]
-    """The generator's name."""
-    volume: Volume
-    """Where they are."""
-    count: Annotated[int, Field(strict=True, ge=1, le=2_000), WHOLE] = 300
-    """How many poses, at most."""
-    look: Literal["middle", "nearest"] = "middle"
-    """What they look at: the middle of the model, or for each the part of it that is nearest."""
-    aim: Vector | None = None
-    """A point to look at, instead of what `look` names."""
-    level: bool = False
-    """Whether they look there with a level camera: in that direction, but not up or down."""
-
-    @model_validator(mode="after")
-    def _one_aim(self) -> Self:
-        if self.aim is not None and self.look != "middle":
-            raise of_fields("give either an aim or where to look, not both", "aim", "look")
-        return self
-
-
-def wanted_of(generator: "Generator | None") -> int | None:
-    """The number of candidates that a generator is asked for and may not find; None without one."""
-    return generator.count if isinstance(generator, InVolume) else None
-
-
-Generator = Annotated[Orbit | Grid | Dataset | AroundCurrent | InVolume, Field(discriminator="kind")]
-SafetyDistance = Annotated[Number, Field(ge=0, le=MAX_COORDINATE_M)]
-Zones = Annotated[tuple[Volume, ...], Field(fail_fast=True), within(_MOST_ZONES)]
-
-
-class RankingRequest(Model):
+class RankingRequest(Input):
     """Candidates to rank: `candidates`, or those of a `generator`; by default an orbit.
 
     Lengths are in the unit of the scene's world frame: metres once it is georeferenced.
@@ -159,7 +68,7 @@ class RankingRequest(Model):
 
     candidates: (
         Annotated[
-            tuple[CandidateRequest, ...],
+            tuple[Candidate, ...],
             Field(min_length=1, fail_fast=True),
             within("candidates_per_ranking"),
         ]
@@ -219,19 +128,53 @@ class RankingRequest(Model):
         """Whether all its poses are given, and come back, in the model frame."""
         poses = (*(candidate.pose for candidate in self.candidates or ()), self.current_pose)
         given = self.candidates is not None and not self.no_fly and self.frame in (None, "model")
-        return given and all(
-            pose is None or (isinstance(pose, FramePose) and pose.frame == "model") for pose in poses
-        )
+        return given and all(pose is None or frame_of(pose) == "model" for pose in poses)
 
     @property
     def complete(self) -> Self:
         """The same request with a generator, where it has neither that nor candidates."""
         if self.candidates is None and self.generator is None:
-            return self.model_copy(update={"generator": Orbit(kind="orbit")})
+            return self.model_copy(update={"generator": Orbit()})
         return self
 
 
-class ScoredCandidate(Model):
+class RankingWarningCode(Word):
+    """The kind of a warning, for programs."""
+
+    ILL_CONDITIONED = "ill-conditioned"
+    """The axes of the world frame may be turned about the line of the cameras."""
+    POSITIONS_UNUSED = "positions-unused"
+    """The positions of the images contradict the model: the world frame is the model's."""
+    FEW_REGISTRABLE = "few-registrable"
+    """Hardly any candidate sees enough of what the images show to be registered."""
+    NONE_FEASIBLE = "none-feasible"
+    """No candidate has a rank: all are in matter, too close to it, or unlikely to be registered."""
+    FEWER_CANDIDATES = "fewer-candidates"
+    """The generator made fewer candidates than requested: the volume has no room for more."""
+    VEHICLE_GROUNDED = "vehicle-grounded"
+    """A vehicle of a plan gets no tour, because it cannot fly to any candidate."""
+    TOO_CLOSE = "too-close"
+    """Some candidates of a plan are inside matter, too close to it or in a no-fly zone, and not planned."""
+    UNREACHABLE = "unreachable"
+    """No way leads to some candidates of a plan: no-fly zones or the model are in the way."""
+    SAME_POSE = "same-pose"
+    """Some candidates of a plan have the pose of another, and are not planned."""
+    NOTHING_IN_VIEW = "nothing-in-view"
+    """None of the planned views shows anything of the model."""
+
+
+class RankingWarning(Output):
+    """What limits the use of a ranking, and the remedy."""
+
+    code: RankingWarningCode
+    """Stable, for programs."""
+    message: str
+    """What limits the use, in a sentence."""
+    hint: str
+    """What to do about it."""
+
+
+class ScoredCandidate(Output):
     """One candidate that has been scored, before the ranking is known."""
 
     id: str
@@ -250,19 +193,6 @@ class ScoredCandidate(Model):
     pose: Pose
     """Its pose, in the frame of the answer."""
 
-    @classmethod
-    def of(cls, candidate: engine.CandidateScore, distance_m: float | None, pose: Pose) -> Self:
-        """The engine's score of a candidate, with its pose in the frame of the answer."""
-        return cls(
-            id=candidate.name,
-            score=candidate.score,
-            status=candidate.status,
-            coverage=candidate.coverage,
-            estimated=candidate.estimated,
-            distance_m=distance_m,
-            pose=pose,
-        )
-
 
 class RankedCandidate(ScoredCandidate):
     """One candidate of a ranking; `rank` is null when it cannot be compared (see `status`)."""
@@ -272,23 +202,8 @@ class RankedCandidate(ScoredCandidate):
     chance: Number | None = None
     """The probability that its photograph is registered; null where poses need no registration."""
 
-    @classmethod
-    def ranked(cls, candidate: engine.RankedCandidate, pose: Pose) -> Self:
-        """The engine's ranked candidate with its pose in the frame of the answer."""
-        return cls(
-            id=candidate.name,
-            rank=candidate.rank,
-            score=candidate.score,
-            status=candidate.status,
-            coverage=candidate.coverage,
-            estimated=candidate.estimated,
-            distance_m=candidate.distance,
-            chance=candidate.chance,
-            pose=pose,
-        )
 
-
-class Ranking(Model):
+class Ranking(Output):
     """An immutable ranking, with all that is needed to repeat it."""
 
     id: str
@@ -333,7 +248,7 @@ class Ranking(Model):
         return self.model_dump_json().encode()
 
 
-class RankingSummary(Model):
+class RankingSummary(Output):
     """What a list tells of a ranking."""
 
     id: str
@@ -358,7 +273,7 @@ class RankingList(Listing[RankingSummary]):
     """Rankings of a scene, the newest first."""
 
 
-class RankingPart(Model):
+class RankingPart(Output):
     """A part of a ranking that is streamed: what has been scored since the part before; last, the ranking."""
 
     candidates: tuple[ScoredCandidate, ...] = ()

@@ -1,38 +1,28 @@
 """Images: verdicts, priors, uploads."""
 
-from enum import StrEnum
 from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, field_validator, model_validator
 
-from fvs_service.model import (
-    Count,
-    Digest,
-    Listing,
-    Model,
-    Number,
-    PositiveNumber,
-    Timestamp,
-    of_fields,
-    within,
-)
-from fvs_service.quantities import (
+from fvs_schema.base import Input, Listing, Output, Timestamp
+from fvs_schema.checks import of_fields, within
+from fvs_schema.names import Digest, ImageName
+from fvs_schema.quantities import (
     Altitude,
     AngleSigma,
     AsText,
     Coordinate,
+    Count,
     Latitude,
     Longitude,
+    Number,
     PositionSigma,
+    PositiveNumber,
     Tilt,
     Yaw,
 )
-from fvs_service.scenes.model import AltitudeDatum
-
-IMAGE_NAME = r"^[^/\\\x00-\x1f\x7f]+$"
-ImageName = Annotated[str, Field(min_length=1, max_length=255, pattern=IMAGE_NAME)]
-"""The sender's name of the image; it is never a path."""
-
+from fvs_schema.scenes import AltitudeDatum
+from fvs_schema.words import Word
 
 MEDIA_TYPES = {
     "JPEG": "image/jpeg",
@@ -45,7 +35,7 @@ MEDIA_TYPES = {
 """Format → media type."""
 
 
-class Verdict(StrEnum):
+class Verdict(Word):
     """Whether an image can be used."""
 
     ACCEPTED = "accepted"
@@ -58,7 +48,7 @@ class Verdict(StrEnum):
     """One side is too long for the other."""
 
 
-class Registration(StrEnum):
+class Registration(Word):
     """Whether the image has a pose in the current model."""
 
     PENDING = "pending"
@@ -79,7 +69,7 @@ class Registration(StrEnum):
         return self in (Registration.EXCLUDED, Registration.QUARANTINED)
 
 
-class ImageWarning(StrEnum):
+class ImageWarning(Word):
     """A warning about an accepted image."""
 
     BLURRED = "blurred"
@@ -87,14 +77,14 @@ class ImageWarning(StrEnum):
     """Its position is impossible or unreadable, or its altitude has another datum than the scene's."""
 
 
-class PriorSource(StrEnum):
+class PriorSource(Word):
     """The source of a prior's position (of its angles when there is no position)."""
 
     REQUEST = "request"
     METADATA = "metadata"
 
 
-class Prior(Model):
+class Prior(Output):
     """The pose of an image as far as it is known before structure from motion.
 
     Positions are geodetic or in the scene's local frame; angles are a vehicle's (yaw clockwise from north,
@@ -147,7 +137,7 @@ class Prior(Model):
         return self.geodetic or self.local or any(angle is not None for angle in angles)
 
 
-class ImageMetadata(Model):
+class ImageMetadata(Input):
     """Metadata from the sender, all optional; they override those in the file.
 
     Position and angles that are not given are read from the file. The standard deviations are of the position
@@ -211,7 +201,7 @@ class ImageMetadata(Model):
         return Prior(source=PriorSource.REQUEST, **given) if given else None
 
 
-class Image(Model):
+class Image(Output):
     """An image of a scene, its verdict and its registration."""
 
     digest: Digest
@@ -254,6 +244,11 @@ class Image(Model):
     """When it arrived."""
 
     @property
+    def accepted(self) -> bool:
+        """Whether it can be used."""
+        return self.verdict is Verdict.ACCEPTED
+
+    @property
     def sha256(self) -> str:
         """The digest without its prefix."""
         return self.digest.removeprefix("sha256:")
@@ -268,7 +263,7 @@ class ImageList(Listing[Image]):
     """Images of a scene in the order of arrival."""
 
 
-class DigestCheck(Model):
+class DigestCheck(Input):
     """Digests of images that may be sent."""
 
     model_config = ConfigDict(
@@ -287,7 +282,7 @@ class DigestCheck(Model):
     """SHA-256 of the files, each `sha256:` and 64 hexadecimal digits."""
 
 
-class KnownImage(Model):
+class KnownImage(Output):
     """An image that the scene has, and whether it can be used."""
 
     digest: Digest
@@ -300,7 +295,7 @@ class KnownImage(Model):
     """What to do about it; else empty."""
 
 
-class DigestAnswer(Model):
+class DigestAnswer(Output):
     """The digests that the scene has, and those that it lacks.
 
     The scene has images that are not accepted, too: it keeps their verdicts, and not their bytes.
@@ -314,7 +309,7 @@ class DigestAnswer(Model):
     """Images that the scene has, with their verdicts, in the order of `known`."""
 
 
-class UploadItem(Model):
+class UploadItem(Output):
     """The image of one file of a multipart upload."""
 
     name: str
@@ -325,7 +320,7 @@ class UploadItem(Model):
     """The image, with its verdict."""
 
 
-class UploadAnswer(Model):
+class UploadAnswer(Output):
     """The images of a multipart upload, in the order of its files."""
 
     items: tuple[UploadItem, ...]

@@ -1,15 +1,15 @@
 """Webhooks on the wire."""
 
-from enum import StrEnum
 from typing import Annotated
 
 from pydantic import ConfigDict, Field
 
-from fvs_service.events.model import EventKind
-from fvs_service.model import Model, Timestamp
+from fvs_schema.base import Input, Output, Timestamp
+from fvs_schema.events import EventKind
+from fvs_schema.words import Word
 
 
-class WebhookState(StrEnum):
+class WebhookState(Word):
     """Whether a webhook's deliveries succeed."""
 
     ACTIVE = "active"
@@ -19,7 +19,7 @@ class WebhookState(StrEnum):
     """Deliveries failed for three days; none is tried until the webhook is enabled."""
 
 
-class WebhookRequest(Model):
+class WebhookRequest(Input):
     """A webhook to create."""
 
     model_config = ConfigDict(
@@ -34,7 +34,7 @@ class WebhookRequest(Model):
     """The kinds of events to send; besides them `events.deleted`, where some were deleted undelivered."""
 
 
-class Webhook(Model):
+class Webhook(Output):
     """A webhook of a scene, and the state of its deliveries."""
 
     id: str
@@ -70,7 +70,7 @@ class NewWebhook(Webhook):
     """Signs the deliveries (Standard Webhooks): `whsec_` and the key in base64."""
 
 
-class WebhookList(Model):
+class WebhookList(Output):
     """The webhooks of a scene, the oldest first."""
 
     webhooks: tuple[Webhook, ...]

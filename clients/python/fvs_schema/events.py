@@ -1,12 +1,12 @@
 """Events of scenes."""
 
-from enum import StrEnum
 from typing import Any
 
-from fvs_service.model import Model, Timestamp
+from fvs_schema.base import Output, Timestamp
+from fvs_schema.words import Word
 
 
-class EventKind(StrEnum):
+class EventKind(Word):
     """The kind of an event."""
 
     SCENE_CREATED = "scene.created"
@@ -34,7 +34,7 @@ class EventKind(StrEnum):
     """The stream lacks events: they and this number's were deleted by the retention."""
 
 
-class Event(Model):
+class Event(Output):
     """One event; ``number`` increases, and a client resumes after it."""
 
     number: int
