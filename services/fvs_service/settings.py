@@ -16,6 +16,8 @@ from fvs_schema.service import Limits
 from fvs_service.environment import PREFIX, FilesOfEnvironment, UnknownOfEnvironment
 from fvs_service.host_names import host_of, is_loopback, name_or_network, web_origin
 
+GPU_SLOTS = "fvs-gpu-slots"
+"""The private folder of the GPU slots, which the runners of a machine's user share."""
 MEGABYTE = 1_000_000
 GIGABYTE = 1_000 * MEGABYTE
 

@@ -14,7 +14,7 @@ import pytest
 import typer
 import yaml
 from fvs_service.environment import variables_of
-from fvs_service.host.worker import sign_of_life
+from fvs_service.host.worker.heartbeat import touch_heartbeat
 from fvs_service.jobs.fleet_metrics import FleetCollector
 from fvs_service.settings import Settings
 from fvs_service.storage.database import Database
@@ -87,7 +87,7 @@ def test_a_worker_without_heartbeats_is_not_healthy(
 ) -> None:
     settings = Settings(root=tmp_path)
     for worker, age_s in ages_s.items():
-        sign_of_life.touch(settings.heartbeats / worker)
+        touch_heartbeat(settings.heartbeats / worker)
         os.utime(settings.heartbeats / worker, (time.time() - age_s,) * 2)
     settings.heartbeats.mkdir(exist_ok=True)
     *_, program = _COMPOSE["services"]["worker"]["healthcheck"]["test"]

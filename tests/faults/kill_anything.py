@@ -311,7 +311,7 @@ def check(service: Service, scene: str, photographs: list[Path], jobs: list[dict
     until = time.monotonic() + PATIENCE_S
     while True:
         left = [item["id"] for item in service.call("GET", f"/v1/scenes/{scene}/snapshots")["items"]]
-        if left == [second["snapshot_id"], fine["snapshot_id"]]:
+        if left == [fine["snapshot_id"], second["snapshot_id"]]:  # the newest first
             break
         require(time.monotonic() < until, f"retention left {left}")
         time.sleep(0.5)

@@ -97,14 +97,14 @@ class FailingRunner:
             connection.receive()
             connection.receive()
             for stage in ("features", "features", "training"):
-                connection.send({"progress": {"stage": stage, "share": 0.5}})
+                connection.send({"part": {"kind": "progress", "stage": stage, "share": 0.5}})
             failure = {"code": "training-failed", "message": "It diverged.", "hint": "", "retryable": True}
             connection.send({"error": failure})
 
 
 def _work(gateway: Any, job: str) -> None:
     runner = FailingRunner()
-    GrantedScenes(gateway, runner.endpoint).attempts().run(gateway.take(job))
+    GrantedScenes(gateway, runner.endpoint).turns().run(gateway.take(job))
     runner.close()
     assert gateway.client.get(f"/v1/jobs/{job}").json()["state"] == "failed"
 

@@ -27,7 +27,7 @@ from fvs_service.events.repository import skip_lost_numbers
 from fvs_service.gateway.addresses import Addresses
 from fvs_service.gateway.certificates import require_certificates
 from fvs_service.gateway.protection import require_protection
-from fvs_service.host.worker import sign_of_life
+from fvs_service.host.worker.heartbeat import forget_heartbeats
 from fvs_service.serving.identity import machine_name
 from fvs_service.serving.process_order import GATEWAY, WORKER, ProcessOrder
 from fvs_service.serving.process_tree import adopt_orphans, end_descendants, reap_adopted
@@ -124,7 +124,7 @@ class Supervisor:
         settings = self._settings
         machine = "worker" if settings.on_one_machine else machine_name(settings.root)
         self._workers = [_Child(f"{machine}-{number}", WORKER) for number in range(settings.worker.count)]
-        sign_of_life.forget(settings.heartbeats)
+        forget_heartbeats(settings.heartbeats)
         for worker in self._workers:
             self._start(worker)
 

@@ -9,11 +9,14 @@ from typing import Any
 
 import pytest
 from fvs_service.host.protocol.connection import Connection
-from fvs_service.host.worker import attempts
-from fvs_service.host.worker.attempts import MAX_TRIES
-from fvs_service.host.worker.tries import Tries
+from fvs_service.host.protocol.messages import StageProgress
+from fvs_service.host.worker import outcomes, turns
+from fvs_service.host.worker.starts import Starts
+from fvs_service.host.worker.turns import MAX_STARTS
 from fvs_service.jobs import ledger
 from granted_scenes import GrantedScenes
+
+from fvs_schema.stages import Stage
 
 
 class DyingRunner:
@@ -42,7 +45,7 @@ class DyingRunner:
             connection.receive()
             assert connection.receive()["kind"] == "job"
             self.asked += 1
-            connection.send({"progress": {"stage": "training", "share": next(self._shares)}})
+            connection.send({"part": StageProgress(stage=Stage.TRAINING, share=next(self._shares))})
             if self._of_its_child:
                 death = {"code": "process-died", "message": "Stage 'match' was killed.", "hint": ""}
                 connection.send({"error": {**death, "retryable": True}})
@@ -51,7 +54,8 @@ class DyingRunner:
 
 @pytest.fixture(autouse=True)
 def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(attempts, "_PAUSE_S", 0.0)
+    monkeypatch.setattr(turns, "_PAUSE_S", 0.0)
+    monkeypatch.setattr(outcomes, "_PAUSE_S", 0.0)
     monkeypatch.setattr(ledger, "_REPORT_EVERY_S", 0.0)
 
 
@@ -59,7 +63,7 @@ def _run(gateway: Any, scenes: GrantedScenes) -> Any:
     """The job once it has been run to its end."""
     job = gateway.queue(gateway.scene())
     turn = gateway.take(job)
-    scenes.attempts().run(turn)
+    scenes.turns().run(turn)
     return gateway.client.get(f"/v1/jobs/{job}").json()
 
 
@@ -69,9 +73,9 @@ def test_a_job_that_kills_its_processes_at_the_same_point_fails(gateway: Any, of
     scenes = GrantedScenes(gateway, runner.endpoint)
     found = _run(gateway, scenes)
     runner.close()
-    assert runner.asked == MAX_TRIES
+    assert runner.asked == MAX_STARTS
     # A runner whose child died is well: it stays warm, and answers rankings.
-    assert scenes.dropped == (0 if of_its_child else MAX_TRIES)
+    assert scenes.dropped == (0 if of_its_child else MAX_STARTS)
     assert (found["state"], found["error"]["code"]) == ("failed", "runner-died")
     assert ("Stage 'match' was killed." in found["error"]["message"]) == of_its_child
     assert found["error"]["retryable"]
@@ -86,7 +90,7 @@ def test_lines_about_a_job_name_it_its_scene_and_the_worker(
     runner.close()
     lines = [json.loads(line) for line in capsys.readouterr().err.splitlines() if line.startswith("{")]
     about = {"job": found["id"], "scene": found["scene_id"]}
-    for event in ("job started", "trying again", "job ended"):
+    for event in ("job started", "starting again", "job ended"):
         (line, *_) = [line for line in lines if line["event"] == event]
         assert line.items() >= about.items()
         assert line["worker"]
@@ -97,14 +101,14 @@ def test_a_job_that_comes_farther_each_time_is_not_given_up(gateway: Any) -> Non
     runner = DyingRunner(shares, of_its_child=True)
     found = _run(gateway, GrantedScenes(gateway, runner.endpoint))
     runner.close()
-    assert runner.asked == 8 + MAX_TRIES - 1
+    assert runner.asked == 8 + MAX_STARTS - 1
     assert found["state"] == "failed"
 
 
 def test_a_runner_that_does_not_start_is_given_up(gateway: Any) -> None:
     scenes = GrantedScenes(gateway, None)
     found = _run(gateway, scenes)
-    assert scenes.started == MAX_TRIES
+    assert scenes.started == MAX_STARTS
     assert found["error"]["message"].endswith("The runner did not start.")
 
 
@@ -117,19 +121,19 @@ def test_a_job_that_is_canceled_after_its_worker_died_needs_no_runner(gateway: A
     storage.leases.release(dead)
     scenes = GrantedScenes(gateway, None)
     storage.queue.put_back_all("dead")
-    scenes.attempts().run(gateway.take(job))
+    scenes.turns().run(gateway.take(job))
     assert scenes.started == 0
     assert gateway.client.get(f"/v1/jobs/{job}").json()["state"] == "canceled"
 
 
-def test_tries_of_workers_that_died_count(gateway: Any) -> None:
+def test_starts_of_workers_that_died_count(gateway: Any) -> None:
     job = gateway.queue(scene := gateway.scene())
     turn = gateway.take(job)
     storage = gateway.application.storage
-    for _ in range(MAX_TRIES):  # each started, and its worker died
-        Tries(storage.settings.scenes / scene, turn).start(0.0)
+    for _ in range(MAX_STARTS):  # each started, and its worker died
+        Starts(storage.settings.scenes / scene, turn).begin(0.0)
     scenes = GrantedScenes(gateway, None)
-    scenes.attempts().run(turn)
+    scenes.turns().run(turn)
     assert scenes.started == 0
     found = gateway.client.get(f"/v1/jobs/{job}").json()
     assert found["error"]["message"].endswith("its worker died")

@@ -8,7 +8,7 @@ from typing import cast
 
 import pytest
 from fvs_service.host.worker.dispatcher import Dispatcher
-from fvs_service.host.worker.runner_requests import RunnerRequests
+from fvs_service.host.worker.runners import RunnerRequests
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.states import Turn
 from sqlalchemy.exc import OperationalError

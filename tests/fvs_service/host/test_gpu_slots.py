@@ -20,7 +20,7 @@ _WITHIN_S = 30.0
 @pytest.fixture(autouse=True)
 def _a_gpu(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setattr(gpu_slots, "_name_of", lambda _device: "GPU-1")
-    monkeypatch.setattr(gpu_slots, "gpu_slots_folder", lambda: tmp_path)
+    monkeypatch.setattr(gpu_slots, "private_folder", lambda _name: tmp_path)
     monkeypatch.setattr(gpu_slots, "_POLL_S", 0.01)
 
 

@@ -13,7 +13,7 @@ from fvs_service.host.protocol.connection import (
     call,
     connect,
 )
-from fvs_service.host.protocol.messages import REQUEST, Ping, error_of, failure_of
+from fvs_service.host.protocol.messages import REQUEST, Ping, Warned, error_of, failure_of
 from fvs_service.rankings.port import RankedViews, RankViews
 from pydantic import ValidationError
 from pydantic_core import PydanticSerializationError
@@ -116,7 +116,7 @@ def _call(server: socket.socket) -> object:
 
 
 def test_warnings_precede_the_result(listening: socket.socket) -> None:
-    thread = _respond(listening, {"warning": "mind"}, {"result": 7})
+    thread = _respond(listening, {"part": Warned(sentence="Mind.")}, {"result": 7})
     assert _call(listening) == 7
     thread.join()
 
@@ -131,7 +131,7 @@ def test_a_failure_is_raised(listening: socket.socket) -> None:
 
 
 def test_a_runner_that_dies_before_its_response_is_gone(listening: socket.socket) -> None:
-    thread = _respond(listening, {"warning": "dying"})
+    thread = _respond(listening, {"part": Warned(sentence="It dies.")})
     with pytest.raises(RunnerGoneError):
         _call(listening)
     thread.join()

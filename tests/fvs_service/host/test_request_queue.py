@@ -8,8 +8,7 @@ import pytest
 from fvs_service.errors import DeadlineError, LimitExceededError
 from fvs_service.host.protocol.messages import StageProgress
 from fvs_service.host.runner.job_monitor import JobMonitor
-from fvs_service.host.runner.pace import Pace
-from fvs_service.host.runner.request_queue import Requester, RequesterGoneError, RequestQueue, Task
+from fvs_service.host.runner.request_queue import Pace, Requester, RequesterGoneError, RequestQueue, Task
 
 from fvs_engine.errors import Cancelled
 from fvs_engine.monitor import Monitor

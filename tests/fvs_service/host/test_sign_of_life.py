@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 from fvs_service.application import open_storage
 from fvs_service.errors import StorageUnavailableError
-from fvs_service.host.worker import sign_of_life
-from fvs_service.host.worker.heartbeat import Heartbeats
+from fvs_service.host.worker.heartbeat import Heartbeats, forget_heartbeats, touch_heartbeat
 from fvs_service.host.worker.process import _maintain, _ReplacedError
 from fvs_service.settings import Settings
 
@@ -21,7 +20,7 @@ LONG_AGO = (1, 1)
 def file(tmp_path: Path) -> Path:
     """The file of a worker whose last heartbeat was long ago."""
     file = Settings(root=tmp_path).heartbeats / "worker-0"
-    sign_of_life.touch(file)
+    touch_heartbeat(file)
     os.utime(file, LONG_AGO)
     return file
 
@@ -58,12 +57,12 @@ def test_the_heartbeat_of_a_replaced_worker_leaves_the_file(file: Path) -> None:
 
 
 def test_files_of_earlier_workers_are_deleted(file: Path) -> None:
-    sign_of_life.forget(file.parent)
+    forget_heartbeats(file.parent)
     assert not file.exists()
     file.parent.rmdir()
-    sign_of_life.forget(file.parent)
+    forget_heartbeats(file.parent)
 
 
 def test_a_folder_that_cannot_be_made_is_no_error(tmp_path: Path) -> None:
     (tmp_path / "file").touch()
-    sign_of_life.touch(tmp_path / "file" / "worker-0")
+    touch_heartbeat(tmp_path / "file" / "worker-0")

@@ -11,17 +11,20 @@ from typing import Any
 
 import pytest
 from fvs_service.host.protocol.connection import Connection, RunnerGoneError
-from fvs_service.host.worker import attempts, job_stop, room
-from fvs_service.host.worker.attempts import MAX_TRIES
+from fvs_service.host.protocol.messages import StageProgress
+from fvs_service.host.worker import outcomes, resources, stop, turns
 from fvs_service.host.worker.dispatcher import Dispatcher
 from fvs_service.host.worker.heartbeat import Heartbeats
-from fvs_service.host.worker.room import Room
-from fvs_service.host.worker.runner_requests import RunnerRequests
+from fvs_service.host.worker.resources import Room
+from fvs_service.host.worker.runners import RunnerRequests
+from fvs_service.host.worker.turns import MAX_STARTS
 from fvs_service.jobs import ledger, order, queue
 from fvs_service.settings import WorkerSettings
 from fvs_service.storage.tables import JobRow
 from granted_scenes import GrantedScenes
 from sqlalchemy import update
+
+from fvs_schema.stages import Stage
 
 _WORKER = "worker-0"
 _PATIENCE_S = 60.0
@@ -67,7 +70,7 @@ class CountingRunner:
             while self.counts[job] < 8 or job in self.endless:
                 self.counts[job] += 1
                 share = 1 - 0.9 ** self.counts[job]
-                connection.send({"progress": {"stage": "training", "share": share}})
+                connection.send({"part": StageProgress(stage=Stage.TRAINING, share=share)})
                 if self._stop.wait(0.02):
                     code = "cancelled"
                     break
@@ -76,11 +79,12 @@ class CountingRunner:
 
 @pytest.fixture(autouse=True)
 def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(attempts, "_PAUSE_S", 0.0)
+    monkeypatch.setattr(turns, "_PAUSE_S", 0.0)
+    monkeypatch.setattr(outcomes, "_PAUSE_S", 0.0)
     monkeypatch.setattr(ledger, "_REPORT_EVERY_S", 0.0)
     monkeypatch.setattr(order, "_SETTLED_MS", 0)
-    monkeypatch.setattr(job_stop, "_LOOK_EVERY_S", 0.0)
-    monkeypatch.setattr(room, "_LOOK_EVERY_S", -1.0)
+    monkeypatch.setattr(stop, "_LOOK_EVERY_S", 0.0)
+    monkeypatch.setattr(resources, "_LOOK_EVERY_S", -1.0)
     # A job that lacks something says so until it may try again: see `_let_all_try_again`.
     monkeypatch.setattr(queue, "_TRY_AGAIN_MS", 1_000_000)
 
@@ -108,7 +112,7 @@ def worker(gateway: Any, runner: CountingRunner) -> Iterator[Callable[[], None]]
         _WORKER,
         storage.queue,
         RunnerRequests(storage.database),
-        scenes.attempts(room).run,
+        scenes.turns(room).run,
         lambda _scene: None,
         slots=1,
         poll_s=0.02,
@@ -197,7 +201,7 @@ def test_jobs_wait_for_a_full_disk_and_go_on_by_themselves(
         next(looks)
         return free["bytes"]
 
-    monkeypatch.setattr(room, "free_bytes", free_bytes)
+    monkeypatch.setattr(resources, "free_bytes", free_bytes)
     a = Tenant(gateway, "a")
     job = a.queue()
     runner.endless.add(job)
@@ -237,7 +241,7 @@ def test_a_job_that_meets_a_full_disk_again_and_again_fails(
             _let_all_try_again(gateway)
         return _ended(found)
 
-    monkeypatch.setattr(room, "free_bytes", free_bytes)
+    monkeypatch.setattr(resources, "free_bytes", free_bytes)
     monkeypatch.setattr(CountingRunner, "_serve", _serve_on_a_full_disk)
     a = Tenant(gateway, "a")
     job = a.queue()
@@ -245,7 +249,7 @@ def test_a_job_that_meets_a_full_disk_again_and_again_fails(
     failed = a.wait(job, ended)
     assert (failed["error"]["code"], failed["error"]["retryable"]) == ("out-of-space", True)
     assert "/" not in failed["error"]["message"] + failed["error"]["hint"]
-    assert len(runner.starts) == MAX_TRIES
+    assert len(runner.starts) == MAX_STARTS
 
 
 def _serve_on_a_full_disk(runner: CountingRunner, connection: Connection) -> None:

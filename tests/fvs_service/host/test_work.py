@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import pytest
 from fvs_service.host.protocol.connection import Connection, RunnerGoneError
-from fvs_service.host.protocol.messages import RunJob
+from fvs_service.host.protocol.messages import JobFinished, RunJob, StageProgress
 from fvs_service.host.runner import scene_jobs
 from fvs_service.host.runner.image_files import PreparedImages
 from fvs_service.host.runner.job_monitor import JobMonitor
@@ -24,6 +24,7 @@ from granted_scenes import GrantedScenes
 from fvs_engine.errors import Cancelled, DamagedOutputError, OtherSettingsError
 from fvs_engine.monitor import Monitor
 from fvs_schema.jobs import JobKind, JobRequest
+from fvs_schema.stages import Stage
 
 
 def test_every_job_begins_with_work_that_some_worker_does() -> None:
@@ -50,17 +51,17 @@ class Runner:
         with suppress(OSError, RunnerGoneError), closing(Connection(self._socket.accept()[0])) as connection:
             connection.receive()
             self.asked = connection.receive()
-            connection.send({"progress": {"stage": "registration", "share": 1.0}})
-            connection.send({"result": None})
+            connection.send({"part": StageProgress(stage=Stage.REGISTRATION, share=1.0)})
+            connection.send({"result": JobFinished(outcome=None)})
 
 
 def test_a_worker_that_does_not_train_leaves_the_update_to_one_that_does(open_gateway: Any) -> None:
     gateway = open_gateway(worker=WorkerSettings(work="sfm"))
     storage, runner = gateway.application.storage, Runner()
     job = gateway.queue(gateway.scene())
-    attempts = GrantedScenes(gateway, runner.endpoint).attempts()
+    turns = GrantedScenes(gateway, runner.endpoint).turns()
     turn = gateway.take(job)
-    assert attempts.run(turn) is None  # it lacks nothing
+    assert turns.run(turn) is None  # it lacks nothing
     storage.queue.put_back(turn)
     runner.close()
     assert runner.asked["trains"] is False

@@ -1,11 +1,8 @@
 """The messages of the protocol: requests to a runner, and what it sends back.
 
-A request is ``RankViews``, ``RenderView``, ``GenerateViews``, ``PlanViews``, ``RunJob``, ``CancelJob``,
-``YieldScene`` or ``Ping``. The response is an object with ``result`` or ``error`` (a ``Failure``). While a
-job runs, objects with ``progress`` (a ``StageProgress``), ``warning`` (a sentence), ``quarantined`` (digest →
-reason), ``first`` or ``quick`` (the ``JobOutcome`` of an update's first or quick model) or ``wanted``
-(another worker asks for the scene) precede it; while views of a ``RankViews`` that is ``streamed`` are
-scored, objects with ``scored`` (a list of ``CandidateScore``).
+A request is one of ``Request``. The response is an object with ``result``, which the request's class
+describes, or ``error`` (a ``Failure``). Objects with ``part`` precede it: a ``JobMessage`` each while a job
+runs, and lists of ``CandidateScore`` while the views of a ``RankViews`` that is ``streamed`` are scored.
 """
 
 from typing import Annotated, Literal
@@ -44,9 +41,9 @@ class RunnerOrder(Record):
 
 
 class RunJob(Record):
-    """Run a job until its files are written; the result is a ``JobOutcome``.
+    """Run a job until its files are written; the result is a ``JobFinished``.
 
-    A worker that does not train has an update's images registered alone: the result is None.
+    A worker that does not train has an update's images registered alone.
 
     ``images`` are the images that the job may use, ``camera`` the scene's focal length prior, ``origin`` that
     of the world frame of their position priors, ``snapshot_id`` the scene's latest snapshot, None before the
@@ -82,10 +79,7 @@ class ForgetImages(Record):
 
 
 class Ping(Record):
-    """Return ``{"idle_s": …, "queue": …}``.
-
-    That is the time since the last ranking, render or job, and the ``QueueStatus`` of rankings and renders.
-    """
+    """Return the ``RunnerStatus``."""
 
     kind: Literal["ping"] = "ping"
 
@@ -105,11 +99,26 @@ Request = Annotated[
 REQUEST: TypeAdapter[Request] = TypeAdapter(Request)
 
 
-class StageProgress(Record):
-    """How far a stage has come, in [0, 1] (None: unknown)."""
+class RunnerStarted(Record):
+    """The line that a runner writes to standard output when it listens; ``backend`` is its rasteriser."""
 
-    stage: Stage
-    share: float | None
+    endpoint: str
+    backend: str
+
+
+class QueueStatus(Record):
+    """The state of a queue: tasks that wait, tasks that are computed, and the time until all are done."""
+
+    waiting: int
+    computing: int
+    expected_s: float
+
+
+class RunnerStatus(Record):
+    """The time since the last ranking, render or job, and the queue of rankings and renders."""
+
+    idle_s: float
+    queue: QueueStatus
 
 
 class JobOutcome(Record):
@@ -126,6 +135,55 @@ class JobOutcome(Record):
     unregistered: dict[str, str]
     metrics: SnapshotMetrics
     positions_ignored: bool = False
+
+
+class JobFinished(Record):
+    """What a job has made; None where a worker that trains goes on."""
+
+    outcome: JobOutcome | None
+
+
+class StageProgress(Record):
+    """How far a stage has come, in [0, 1] (None: unknown)."""
+
+    kind: Literal["progress"] = "progress"
+    stage: Stage
+    share: float | None
+
+
+class Warned(Record):
+    """A sentence for the user about the job's result."""
+
+    kind: Literal["warning"] = "warning"
+    sentence: str
+
+
+class Quarantined(Record):
+    """The digests of images that crash structure from motion, with the reasons."""
+
+    kind: Literal["quarantined"] = "quarantined"
+    reasons: dict[str, str]
+
+
+class ModelMade(Record):
+    """An intermediate model of an update: that of the first images, or the quick one of all."""
+
+    kind: Literal["model"] = "model"
+    name: Literal["first", "quick"]
+    outcome: JobOutcome
+
+
+class SceneWanted(Record):
+    """Another worker asks for the scene."""
+
+    kind: Literal["wanted"] = "wanted"
+
+
+JobMessage = Annotated[
+    StageProgress | Warned | Quarantined | ModelMade | SceneWanted, Field(discriminator="kind")
+]
+"""What a runner sends while a job runs."""
+JOB_MESSAGE: TypeAdapter[JobMessage] = TypeAdapter(JobMessage)
 
 
 class Failure(Record):

@@ -12,8 +12,9 @@ from typing import IO
 
 import torch
 
+from fvs_engine.files.private_folder import private_folder
 from fvs_engine.monitor import Monitor
-from fvs_service.host.gpu_slots_folder import gpu_slots_folder
+from fvs_service.settings import GPU_SLOTS
 
 _POLL_S = 0.2
 
@@ -38,7 +39,7 @@ def gpu_slot(device: torch.device, slots: int, monitor: Monitor) -> Iterator[Non
 
 def _free_slot(device: torch.device, slots: int) -> IO[bytes] | None:
     """A slot's file, locked; None when all slots are taken."""
-    folder = gpu_slots_folder()
+    folder = private_folder(GPU_SLOTS)
     for number in range(slots):
         path = folder / f"{_name_of(device)}-{number}"
         file = path.open("ab")

@@ -7,6 +7,7 @@ from fvs_engine.monitor import Monitor, Progress
 from fvs_schema.stages import Stage
 from fvs_service.host.protocol.messages import StageProgress
 from fvs_service.host.runner.request_queue import RequestQueue
+from fvs_service.jobs.stages import stage_of_job
 
 _REPORT_EVERY_S = 0.5
 _FIRST_REQUESTS_S = 1.0
@@ -48,3 +49,23 @@ class JobMonitor(Monitor):
             return
         self._reported = (progress.stage, time.monotonic())
         self._on_stage(StageProgress(stage=progress.stage, share=progress.share))
+
+
+class FirstModelMonitor(Monitor):
+    """Reports all stages of the first model as one; the job repeats them later on all images."""
+
+    def __init__(self, monitor: Monitor) -> None:
+        super().__init__()
+        self._monitor = monitor
+        self._reached = 0.0
+
+    def receive(self, progress: Progress) -> None:
+        """See ``Monitor``."""
+        start, end = stage_of_job(progress.stage).first_model
+        share = min(1.0, max(0.0, progress.share or 0.0))
+        self._reached = max(self._reached, start + share * (end - start))
+        self._monitor.report(Stage.FIRST_MODEL, 0, 1, worked=self._reached)
+
+    def check(self) -> None:
+        """See ``Monitor``."""
+        self._monitor.check()

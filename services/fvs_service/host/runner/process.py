@@ -5,7 +5,6 @@ database, does not extend the scene's lease in time.
 """
 
 import contextlib
-import json
 import os
 import secrets
 import signal
@@ -16,7 +15,7 @@ from typing import TextIO
 from fvs_engine.child_process import end_with_parent
 from fvs_engine.errors import OutputExistsError
 from fvs_engine.files.lock import locked_folder
-from fvs_service.host.protocol.messages import RunnerOrder
+from fvs_service.host.protocol.messages import RunnerOrder, RunnerStarted
 from fvs_service.host.runner.lease_watch import LeaseWatch
 
 _EXIT_YIELDED = 0
@@ -49,11 +48,10 @@ def main() -> None:
         secret = secrets.token_urlsafe(24)
         server = RunnerServer(order.scene_id, folder, order.settings, secret)
         _, port = server.address
-        started = {
-            "endpoint": f"{order.settings.worker.address}:{port}/{secret}",
-            "backend": server.backend,
-        }
-        endpoint.write(json.dumps(started) + "\n")
+        started = RunnerStarted(
+            endpoint=f"{order.settings.worker.address}:{port}/{secret}", backend=server.backend
+        )
+        endpoint.write(started.model_dump_json() + "\n")
         endpoint.flush()
         server.serve()
     os._exit(_EXIT_YIELDED)  # without waiting for threads that still send responses

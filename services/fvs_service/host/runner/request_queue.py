@@ -14,14 +14,37 @@ from dataclasses import dataclass
 from typing import Any
 
 from fvs_engine.monitor import Monitor, Progress
-from fvs_engine.records import Record
 from fvs_schema.stages import Stage
 from fvs_service.errors import LimitExceededError, deadline_passed
-from fvs_service.host.runner.pace import Pace
+from fvs_service.host.protocol.messages import QueueStatus
 
 _LONGEST_PAUSE_S = 2.0
 """Training makes a step at least this often, however many requests arrive."""
 _POLL_S = 0.1
+_PACE_WEIGHT = 0.3
+"""Weight of the newest measurement in the moving average."""
+
+
+class Pace:
+    """Seconds per view by kind (a method, or ``render``): a moving average of what was measured."""
+
+    def __init__(self) -> None:
+        self._seconds: dict[str, float] = {}
+
+    def add(self, kind: str, views: float, seconds: float) -> None:
+        """Add a measurement: ``views`` took ``seconds``."""
+        if views <= 0:
+            return
+        measured = seconds / views
+        before = self._seconds.get(kind, measured)
+        self._seconds[kind] = before + _PACE_WEIGHT * (measured - before)
+
+    def expected_s(self, kind: str, views: int) -> float:
+        """The expected time of ``views``: as the slowest kind while this one is unknown, 0 while all are."""
+        seconds = self._seconds.get(kind)
+        if seconds is None:
+            seconds = max(self._seconds.values(), default=0.0)
+        return seconds * views
 
 
 @dataclass(frozen=True)
@@ -49,14 +72,6 @@ class Requester:
 
 class RequesterGoneError(Exception):
     """The connection of the request has ended: nobody receives the answer."""
-
-
-class QueueStatus(Record):
-    """The state of a queue: tasks that wait, tasks that are computed, and the time until all are done."""
-
-    waiting: int
-    computing: int
-    expected_s: float
 
 
 class _Computation:

@@ -40,10 +40,9 @@ from fvs_schema.snapshots import SnapshotMetrics
 from fvs_schema.stages import Stage
 from fvs_service.host.protocol.messages import JobOutcome, RunJob
 from fvs_service.host.runner.artifacts import write_artifacts
-from fvs_service.host.runner.first_model_monitor import FirstModelMonitor
 from fvs_service.host.runner.gpu_slots import gpu_slot
 from fvs_service.host.runner.image_files import discard_images, prepare_images
-from fvs_service.host.runner.job_monitor import JobMonitor
+from fvs_service.host.runner.job_monitor import FirstModelMonitor, JobMonitor
 from fvs_service.host.runner.pose_priors import pose_priors
 from fvs_service.host.runner.scene_choice import choose, read_choice
 from fvs_service.host.runner.scene_folder import SceneFolder

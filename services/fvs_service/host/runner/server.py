@@ -22,9 +22,16 @@ from fvs_service.host.protocol.messages import (
     CancelJob,
     Failure,
     ForgetImages,
+    JobFinished,
+    JobMessage,
+    ModelMade,
     Ping,
+    Quarantined,
     Request,
     RunJob,
+    RunnerStatus,
+    SceneWanted,
+    Warned,
     YieldScene,
     failure_of,
 )
@@ -117,7 +124,7 @@ class RunnerServer:
     def _result(self, connection: Connection, request: Request) -> Any:
         match request:
             case RankViews():
-                send = partial(_send_scores, connection) if request.streamed else None
+                send = partial(_send_part, connection) if request.streamed else None
                 ranked, waited_s = self._ask(
                     connection, request, request.method, len(request.views), self._rank, send
                 )
@@ -139,7 +146,7 @@ class RunnerServer:
                 if not self._job_running.acquire(blocking=False):
                     worker = self._worker
                     if worker is not None:
-                        worker.send({"wanted": True})
+                        _send_part(worker, SceneWanted())
                     raise ConflictError("A job is running.")
                 return None  # the lock stays acquired, so that no other job starts
             case ForgetImages():
@@ -154,7 +161,7 @@ class RunnerServer:
                 queue = self._requests.status
                 busy = self._job_running.locked() or queue.waiting or queue.computing
                 idle_s = 0.0 if busy else time.monotonic() - self._used
-                return {"idle_s": idle_s, "queue": queue}
+                return RunnerStatus(idle_s=idle_s, queue=queue)
 
     def _ask(
         self,
@@ -190,30 +197,31 @@ class RunnerServer:
         monitor.check()
         return model
 
-    def _run_job(self, connection: Connection, request: RunJob) -> Any:
+    def _run_job(self, connection: Connection, request: RunJob) -> JobFinished:
         if not self._job_running.acquire(blocking=False):
             raise ConflictError("Another job is running.")
         try:
             self._worker = connection
             self._monitor = JobMonitor(
-                lambda progress: connection.send({"progress": progress}),
+                partial(_send_part, connection),
                 self._requests,
             )
-            return self._job_thread.submit(
+            outcome = self._job_thread.submit(
                 self._jobs.run,
                 request,
                 self._monitor,
-                lambda sentence: connection.send({"warning": sentence}),
-                lambda reasons: connection.send({"quarantined": dict(reasons)}),
-                lambda name, made: connection.send({name: made}),
+                lambda sentence: _send_part(connection, Warned(sentence=sentence)),
+                lambda reasons: _send_part(connection, Quarantined(reasons=dict(reasons))),
+                lambda name, made: _send_part(connection, ModelMade(name=name, outcome=made)),
             ).result()
+            return JobFinished(outcome=outcome)
         finally:
             self._monitor, self._worker, self._used = None, None, time.monotonic()
             self._job_running.release()
 
 
-def _send_scores(connection: Connection, scores: Sequence[CandidateScore]) -> None:
-    connection.send({"scored": scores})
+def _send_part(connection: Connection, part: JobMessage | Sequence[CandidateScore]) -> None:
+    connection.send({"part": part})
 
 
 def _failure_of_job(error: Exception) -> Failure:

@@ -1,167 +1,205 @@
-"""Turns of attempts at jobs: a new try after a process died, a failure after too many without progress."""
+"""An attempt at a job, from a start to its outcome: the runner computes, snapshots are committed once."""
 
-import time
+import contextlib
+import os
+import shutil
+from collections.abc import Sequence
+from pathlib import Path
 
 import structlog
-from sqlalchemy.exc import SQLAlchemyError
 
-from fvs_schema.jobs import JobFailure, WaitReason
+from fvs_engine.errors import EngineError
+from fvs_engine.files.atomic import write_text_atomically
+from fvs_schema.images import Image
+from fvs_schema.jobs import Job, JobFailure, JobKind
+from fvs_schema.stages import Stage
 from fvs_service.application import Storage
-from fvs_service.errors import (
-    NotFoundError,
-    OutOfSpaceError,
-    StaleLeaseError,
-    StorageUnavailableError,
-)
-from fvs_service.host.protocol.connection import RunnerGoneError
-from fvs_service.host.worker.job_run import ChildDiedError, JobRuns
-from fvs_service.host.worker.job_stop import JobPausedError
-from fvs_service.host.worker.leased_scenes import LeasedScenes, NoMemoryError
-from fvs_service.host.worker.memory import job_need_bytes
-from fvs_service.host.worker.room import Room
-from fvs_service.host.worker.tries import Tries
+from fvs_service.errors import OutOfSpaceError, ServiceError, StaleLeaseError, StorageUnavailableError
+from fvs_service.host.protocol.messages import JobOutcome, RunJob
+from fvs_service.host.worker.conversation import Conversation, StageSpans
+from fvs_service.host.worker.leased_scenes import LeasedScene, LeasedScenes
+from fvs_service.host.worker.outcomes import Canceled, Failed, LeftToAnother, Outcome, Paused, Succeeded
+from fvs_service.host.worker.progress import RemainingTime, size_of
+from fvs_service.host.worker.resources import Room
+from fvs_service.host.worker.stop import JobStop
+from fvs_service.host.worker.working_copies import WorkingCopies
+from fvs_service.images.files import with_original_names
 from fvs_service.images.repository import usable_images
-from fvs_service.jobs.repository import find_job
-from fvs_service.jobs.states import Turn
-
-MAX_TRIES = 6
-"""An attempt fails after this many tries without progress."""
-_PAUSE_S = 0.5
-_STORAGE_PAUSE_S = 2.0
-"""Time between two tries while the database or the object store cannot be reached."""
-_MEMORY_PATIENCE_S = 5.0
-"""Time to wait for memory before the turn goes to another job."""
+from fvs_service.jobs.ledger import Ledger
+from fvs_service.jobs.repository import images_stage
+from fvs_service.jobs.timing import TIMING_STAGE, past_timings
+from fvs_service.jobs.work import Work, work_of
+from fvs_service.scenes.lease import Lease
+from fvs_service.scenes.repository import find_scene, set_working_bytes
+from fvs_service.snapshots.artifacts import ALIGNMENT
+from fvs_service.snapshots.georeferencing import align
+from fvs_service.snapshots.service import NewSnapshot
 
 _log = structlog.get_logger()
 
 
 class Attempts:
-    """Runs attempts for one worker, in any thread; the same one may be run again after a crash."""
+    """Runs attempts from a start to its outcome, which is recorded in the database."""
 
-    def __init__(self, storage: Storage, scenes: LeasedScenes, worker_id: str, room: Room) -> None:
+    def __init__(self, storage: Storage, scenes: LeasedScenes, room: Room) -> None:
         self._storage = storage
         self._scenes = scenes
-        self._worker_id = worker_id
         self._room = room
-        self._runs = JobRuns(storage, scenes, room)
+        self._copies = WorkingCopies(storage)
 
-    def run(self, turn: Turn) -> WaitReason | None:
-        """Run an attempt to its end, or that of its turn; returns the resource that it lacks, if any.
+    def start(self, scene: LeasedScene, job: Job, traceparent: str | None = None) -> Outcome:
+        """Run an attempt, as a span below the one of the request that queued it.
 
-        When a process dies there is a new try. The attempt fails after ``MAX_TRIES`` tries without progress.
+        Raises what ends the runner with the attempt: ``RunnerGoneError``, ``StaleLeaseError``,
+        ``OutOfSpaceError`` and ``StorageUnavailableError``.
         """
-        with structlog.contextvars.bound_contextvars(
-            worker=self._worker_id, scene=turn.scene_id, job=turn.job_id
-        ):
-            return self._run(turn)
-
-    def _run(self, turn: Turn) -> WaitReason | None:
-        tries = Tries(self._storage.settings.scenes / turn.scene_id, turn)
-        while not self._over(turn) and not self._scenes.stopping:
+        _log.info("job started", job=job.id, scene=job.scene_id, kind=job.kind.value, attempt=job.attempt)
+        with self._storage.tracing.span(
+            f"job: {job.kind.value}",
+            {"fvs.job_id": job.id, "fvs.scene_id": job.scene_id, "fvs.attempt": job.attempt},
+            kind="CONSUMER",
+            parent=traceparent,
+        ) as span:
             try:
-                if self._storage.ledger.cancel_requested(turn.job_id):
-                    self._cancel(turn)
-                elif tries.without_progress(self._progress(turn)) >= MAX_TRIES:
-                    self._give_up(turn, tries)
-                elif self._room.used_up:
-                    return WaitReason.DISK
-                else:
-                    self._try(turn, tries)
-            except NoMemoryError:
-                tries.excuse()
-                return WaitReason.MEMORY
-            except JobPausedError as paused:
-                if paused.obstacle is WaitReason.DISK:
-                    tries.because("The disk is full.", disk_full=True)
-                else:
-                    tries.excuse()
-                return paused.obstacle
-            except StaleLeaseError:
-                tries.excuse()
-                _log.warning("lease lost")
-                time.sleep(_PAUSE_S)
-            except StorageUnavailableError as error:
-                tries.excuse()
-                _log.warning("storage unavailable", reason=error.message)
-                time.sleep(_STORAGE_PAUSE_S)
-            except OutOfSpaceError as error:
-                tries.because(error.message, disk_full=True)
-                return WaitReason.DISK
-            except Exception as error:  # the runner or the database died, or there is a defect: try again
-                if isinstance(error, NotFoundError) and self._over(turn):
-                    return None  # the scene was deleted
-                reason = str(error)
-                if not isinstance(error, RunnerGoneError | ChildDiedError):
-                    reason = type(error).__name__
-                    _log.exception("try failed")
-                tries.because(reason)
-                if self._scenes.stopping or isinstance(error, SQLAlchemyError):
-                    tries.excuse()
-                count = tries.without_progress(self._progress(turn))
-                _log.warning("trying again", tries=count, reason=reason)
-                # The first time without a pause, so that no other worker leases the scene.
-                time.sleep(_PAUSE_S * (count - 1) if count else _PAUSE_S)
-        return None
+                outcome = self._outcome(scene, job)
+            except BaseException:
+                self._scenes.drop(scene)  # its runner may still compute
+                raise
+            if isinstance(outcome, Failed):
+                span.fail(outcome.error.code)
+            self._record(scene.lease, job, outcome)
+        return outcome
 
-    def _over(self, turn: Turn) -> bool:
-        """Whether the attempt has ended, a later one has begun, or it is no longer this worker's."""
+    def _outcome(self, scene: LeasedScene, job: Job) -> Outcome:
         try:
-            return not self._storage.queue.has(turn)
-        except StorageUnavailableError:
-            _log.warning("database unavailable")
-            time.sleep(_PAUSE_S)
-            return False
-
-    def _unwanted(self, turn: Turn) -> bool:
-        """Whether the attempt is over or is to be canceled."""
-        return self._over(turn) or self._storage.ledger.cancel_requested(turn.job_id)
-
-    def _progress(self, turn: Turn) -> float:
-        """The job's progress; 0 while the database is unavailable, and of a deleted job."""
-        try:
-            with self._storage.database.reading() as session:
-                return find_job(session, turn.job_id).progress
-        except (StorageUnavailableError, NotFoundError):
-            return 0.0
-
-    def _try(self, turn: Turn, tries: Tries) -> None:
-        tries.start(self._progress(turn))
-        with self._storage.database.reading() as session:
-            request = find_job(session, turn.job_id).request
-            images = usable_images(session, turn.scene_id)
-        need = job_need_bytes(request, images, self._storage.settings.worker)
-        with self._scenes.with_runner(
-            turn.scene_id, need, lambda: self._unwanted(turn), _MEMORY_PATIENCE_S
-        ) as scene:
-            if scene is None:
-                tries.excuse()
-                return
-            job = self._storage.ledger.start(scene.lease, turn.job_id, turn.attempt)
-            if job is not None:
-                self._runs.run(scene, job, turn.traceparent)
-
-    def _cancel(self, turn: Turn) -> None:
-        """Cancel an attempt between two tries, for which no runner is needed."""
-        with self._scenes.without_runner(turn.scene_id, lambda: self._over(turn)) as lease:
-            if lease is not None and self._storage.ledger.start(lease, turn.job_id, turn.attempt) is not None:
-                self._storage.ledger.cancel(lease, turn.job_id)
-
-    def _give_up(self, turn: Turn, tries: Tries) -> None:
-        """Fail an attempt that makes no progress."""
-        with self._scenes.without_runner(turn.scene_id, lambda: self._over(turn)) as lease:
-            if lease is None:
-                return
-            job = self._storage.ledger.start(lease, turn.job_id, turn.attempt)
-            if job is None:
-                return
-            full = tries.disk_full
-            error = JobFailure(
-                code=OutOfSpaceError.code if full else "runner-died",
-                message=f"The job stopped {MAX_TRIES} times without progress: {tries.reason}",
-                hint="Free some space on the service's disk, then retry the job."
-                if full
-                else "Most often memory ran out: use fewer or smaller images, or a machine with more memory.",
-                retryable=True,
-                stage=job.stage,
+            return self._compute_and_commit(scene, job)
+        except (StaleLeaseError, OutOfSpaceError, StorageUnavailableError):
+            raise
+        except (ServiceError, EngineError) as error:
+            retryable = not isinstance(error, ServiceError) or error.retryable
+            return Failed(
+                JobFailure(
+                    code=error.code,
+                    message=error.message,
+                    hint=error.hint,
+                    retryable=retryable,
+                    stage=Stage.SNAPSHOT,
+                )
             )
-            self._storage.ledger.fail(lease, job.id, error)
+
+    def _record(self, lease: Lease, job: Job, outcome: Outcome) -> None:
+        """Store what another machine continues from, and record the attempt's end."""
+        match outcome:
+            case Succeeded(superseded=True) | LeftToAnother() | Paused(obstacle=None):
+                self._copies.store(lease)
+        match outcome:
+            case LeftToAnother(work):
+                self._storage.ledger.needs(lease, job.id, work)
+            case Succeeded() | Failed() | Canceled():
+                record_end(self._storage.ledger, lease, job, outcome)
+                folder = self._storage.settings.scenes / job.scene_id
+                shutil.rmtree(folder / "outcome" / job.id, ignore_errors=True)
+                with self._storage.database.writing() as session:
+                    set_working_bytes(session, job.scene_id, _size_bytes(folder))
+
+    def _compute_and_commit(self, leased: LeasedScene, job: Job) -> Outcome:
+        """Run and commit the stages that no earlier start has committed."""
+        if self._storage.ledger.stage(job.id, Stage.SNAPSHOT) is not None:
+            return Succeeded()
+        images = self._images_of(leased, job)
+        with self._storage.database.reading() as session:
+            scene = find_scene(session, job.scene_id)
+        request = RunJob(
+            job_id=job.id,
+            request=job.request,
+            images=images,
+            camera=scene.camera,
+            origin=scene.origin,
+            snapshot_id=scene.snapshot_id,
+            trains=Work.TRAINING in work_of(self._storage.settings.worker.work),
+        )
+        remaining = self._remaining_time(job, images, first=scene.snapshot_id is None)
+        with StageSpans(self._storage.tracing) as spans:
+            spans.came_to(Stage.RESTORE)
+            self._copies.restore(job.scene_id)
+            made = Conversation(
+                self._storage,
+                leased,
+                job,
+                request,
+                JobStop(self._storage, self._room, leased, job),
+                remaining,
+                spans,
+                lambda stage, made: self._commit(leased.lease, job, stage, made, images),
+                lambda: self._scenes.stopping,
+            ).hold()
+            if isinstance(made, Failed):
+                spans.span.fail(made.error.code)
+            if not isinstance(made, JobOutcome):
+                return made
+            spans.came_to(Stage.COMMIT)
+            self._copies.store(leased.lease)
+            self._commit(leased.lease, job, Stage.SNAPSHOT, made, images)
+        timing = remaining.finished()
+        if timing is not None:
+            document = timing.model_dump(mode="json")
+            self._storage.ledger.commit_stage(leased.lease, job.id, TIMING_STAGE, document)
+        return Succeeded()
+
+    def _images_of(self, scene: LeasedScene, job: Job) -> tuple[Image, ...]:
+        """The images that had arrived when the attempt first started: every start of it uses the same."""
+        with self._storage.database.reading() as session:
+            images = usable_images(session, job.scene_id)
+        last = max((image.number for image in images), default=0)
+        stage = images_stage(job.attempt)
+        kept = self._storage.ledger.stage(job.id, stage)
+        if kept is None:
+            kept = {"last_number": last}
+            self._storage.ledger.commit_stage(scene.lease, job.id, stage, kept)
+        return tuple(image for image in images if image.number <= kept["last_number"])
+
+    def _remaining_time(self, job: Job, images: tuple[Image, ...], *, first: bool) -> RemainingTime:
+        size = size_of(job, images, first, self._storage.settings.worker)
+        with self._storage.database.reading() as session:
+            past = past_timings(session, job.kind, first)
+        return RemainingTime(job.kind, size, past, resumed=job.progress > 0)
+
+    def _commit(self, lease: Lease, job: Job, stage: str, made: JobOutcome, images: Sequence[Image]) -> None:
+        with self._storage.database.reading() as session:
+            scene = find_scene(session, job.scene_id)
+        by_digest = {image.digest: image for image in images}
+        alignment = align(scene, by_digest, made.model_from_camera, positions_ignored=made.positions_ignored)
+        folder = Path(made.folder)
+        write_text_atomically(folder / ALIGNMENT, alignment.model_dump_json(indent=1))
+        updating = job.kind is JobKind.UPDATE
+        reasons = made.unregistered if updating else {}
+        snapshot = NewSnapshot(
+            metrics=made.metrics,
+            alignment=alignment,
+            files={name: folder / name for name in (*made.files, ALIGNMENT)},
+            registered=tuple(made.model_from_camera) if updating else (),
+            unregistered={digest: with_original_names(why, images) for digest, why in reasons.items()},
+        )
+        self._storage.snapshots.commit(lease, job, stage, snapshot)
+
+
+def record_end(ledger: Ledger, lease: Lease, job: Job, outcome: Succeeded | Failed | Canceled) -> None:
+    """Record the end of a started attempt; raises ``StaleLeaseError``."""
+    match outcome:
+        case Succeeded():
+            ledger.succeed(lease, job.id)
+        case Failed(error):
+            at = job.stage if error.stage is None else error.stage
+            ledger.fail(lease, job.id, error.model_copy(update={"stage": at}))
+        case Canceled():
+            ledger.cancel(lease, job.id)
+
+
+def _size_bytes(folder: Path) -> int:
+    """The size of all files in a folder; those that vanish meanwhile do not count."""
+    total = 0
+    for parent, _, names in os.walk(folder):
+        for name in names:
+            with contextlib.suppress(FileNotFoundError):
+                total += Path(parent, name).lstat().st_size
+    return total

@@ -8,7 +8,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from fvs_schema.jobs import WaitReason
 from fvs_service.errors import ServiceError
-from fvs_service.host.worker.runner_requests import RunnerRequests
+from fvs_service.host.worker.runners import RunnerRequests
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.states import Turn
 

@@ -3,10 +3,12 @@
 A worker that was only frozen finds at its next heartbeat that it was declared dead.
 """
 
+import contextlib
 import math
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from pathlib import Path
 
 from sqlalchemy import ColumnElement, delete, insert, select, update
 
@@ -101,3 +103,20 @@ class Heartbeats:
         """Delete the row of a dead worker, after its jobs were put back."""
         with self._database.writing() as session:
             session.execute(delete(_WORKERS).where(_WORKERS.c.id == worker_id))
+
+
+def touch_heartbeat(file: Path) -> None:
+    """Set the time of a worker's heartbeat file, by which a probe sees that it is alive and not frozen.
+
+    Without effect where it cannot be written.
+    """
+    with contextlib.suppress(OSError):  # a full disk does not end a worker
+        file.parent.mkdir(parents=True, exist_ok=True)
+        file.touch()
+
+
+def forget_heartbeats(folder: Path) -> None:
+    """Delete the files of earlier workers, whose number or names may have been different."""
+    with contextlib.suppress(FileNotFoundError):
+        for file in folder.iterdir():
+            file.unlink()

@@ -17,7 +17,7 @@ from fvs_service.errors import NotFoundError, StaleLeaseError
 from fvs_service.host.protocol.connection import RunnerError, RunnerGoneError, call
 from fvs_service.host.protocol.messages import YieldScene
 from fvs_service.host.worker.deleted_images import unless_locked
-from fvs_service.host.worker.memory import MemoryBudget, idle_need_bytes, memory_limit_bytes
+from fvs_service.host.worker.resources import MemoryBudget, idle_need_bytes, memory_limit_bytes
 from fvs_service.host.worker.runner_child import RunnerChild
 from fvs_service.scenes.lease import Lease
 from fvs_service.scenes.repository import find_scene_head

@@ -11,14 +11,13 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from fvs_service.application import Storage
 from fvs_service.errors import ServiceError
-from fvs_service.host.worker import sign_of_life
-from fvs_service.host.worker.attempts import Attempts
 from fvs_service.host.worker.dispatcher import Dispatcher
-from fvs_service.host.worker.heartbeat import Heartbeats
+from fvs_service.host.worker.heartbeat import Heartbeats, touch_heartbeat
 from fvs_service.host.worker.leased_scenes import LeasedScenes
-from fvs_service.host.worker.room import Room
-from fvs_service.host.worker.runner_requests import RunnerRequests
+from fvs_service.host.worker.resources import Room
+from fvs_service.host.worker.runners import RunnerRequests
 from fvs_service.host.worker.sweep import Sweeps
+from fvs_service.host.worker.turns import Turns
 from fvs_service.jobs.fleet import HEARTBEAT_S
 from fvs_service.storage.notifications import Topic
 
@@ -49,14 +48,14 @@ def run_worker(storage: Storage, worker_id: str, beat: Callable[[], None]) -> No
         work=settings.worker.work,
     )
     file = settings.heartbeats / worker_id
-    sign_of_life.touch(file)
+    touch_heartbeat(file)
     scenes = LeasedScenes(storage, worker_id)
-    attempts = Attempts(storage, scenes, worker_id, room)
+    turns = Turns(storage, scenes, worker_id, room)
     dispatcher = Dispatcher(
         worker_id,
         storage.queue,
         RunnerRequests(storage.database),
-        attempts.run,
+        turns.run,
         scenes.start_runner,
         slots=settings.worker.jobs_at_once,
         poll_s=settings.worker.queue_poll_s,
@@ -97,7 +96,7 @@ def _maintain(storage: Storage, heartbeats: Heartbeats, room: Room, scenes: Leas
         )
         if not heartbeat.known:
             raise _ReplacedError
-        sign_of_life.touch(file)
+        touch_heartbeat(file)
         for dead in heartbeat.dead:
             _log.warning("reaping", worker=dead, jobs=storage.queue.put_back_all(dead))
             heartbeats.forget(dead)

@@ -75,9 +75,9 @@ def size_of(job: Job, images: Sequence[Image], first: bool, settings: WorkerSett
 
 
 class RemainingTime:
-    """Estimates the remaining time of one try of a job.
+    """Estimates the remaining time of an attempt from one of its starts.
 
-    ``past`` are finished jobs like it, of any size; ``resumed``: an earlier try has done a part of it.
+    ``past`` are finished jobs like it, of any size; ``resumed``: an earlier start has done a part of it.
     """
 
     def __init__(
@@ -109,7 +109,7 @@ class RemainingTime:
             self._stage, self._share_at_start = progress.stage, share if share < 1 else 0.0
             self._seconds.setdefault(progress.stage, 0.0)
             if self._resumed and self._share_at_start > 0:
-                self._end = None  # it resumes where an earlier try stopped: no reason to approach slowly
+                self._end = None  # it resumes where an earlier start stopped: no reason to approach slowly
         self._share = share
         return self.now()
 
@@ -136,7 +136,7 @@ class RemainingTime:
         )
 
     def finished(self) -> JobTiming | None:
-        """The job's timing, once it is committed; None when an earlier try has done a part of it."""
+        """The job's timing, once it is committed; None when an earlier start has done a part of it."""
         self._elapse()
         return None if self._resumed else JobTiming(size=self._size, seconds=dict(self._seconds))
 

@@ -1,7 +1,6 @@
 """A runner as seen by its worker: starts the child process, calls it, and ends it."""
 
 import contextlib
-import json
 import os
 import subprocess
 import threading
@@ -14,7 +13,15 @@ from typing import Any
 from fvs_engine import child_process
 from fvs_engine.records import Record
 from fvs_service.host.protocol.connection import RunnerError, RunnerGoneError, call
-from fvs_service.host.protocol.messages import CancelJob, ForgetImages, Ping, RunnerOrder, YieldScene
+from fvs_service.host.protocol.messages import (
+    CancelJob,
+    ForgetImages,
+    Ping,
+    RunnerOrder,
+    RunnerStarted,
+    RunnerStatus,
+    YieldScene,
+)
 from fvs_service.settings import Settings
 
 _MODULE = "fvs_service.host.runner.process"
@@ -45,8 +52,8 @@ class RunnerChild:
         order = RunnerOrder(scene_id=scene_id, parent=os.getpid(), settings=settings)
         self._process = spawner.submit(_spawn, folder / "runner.log", order).result()
         started = self._wait_until_started(give_up)
-        self.endpoint: str = started["endpoint"]
-        self.backend: str = started["backend"]
+        self.endpoint = started.endpoint
+        self.backend = started.backend
         """The rasteriser in use."""
 
     @property
@@ -71,14 +78,14 @@ class RunnerChild:
     def idle_s(self) -> float:
         """The time since its last request or job; 0 when it does not respond."""
         try:
-            response = self._call(Ping())
+            status = RunnerStatus.model_validate(self._call(Ping()))
         except RunnerGoneError:
             self._unanswered += 1
             return 0.0
         except RunnerError:
             return 0.0
         self._unanswered = 0
-        return float(response["idle_s"])
+        return status.idle_s
 
     @property
     def deaf(self) -> bool:
@@ -122,7 +129,7 @@ class RunnerChild:
     def _call(self, request: Record) -> Any:
         return call(self.endpoint, request, _RESPONSE_S)
 
-    def _wait_until_started(self, give_up: Callable[[], bool]) -> dict[str, str]:
+    def _wait_until_started(self, give_up: Callable[[], bool]) -> RunnerStarted:
         def extend_or_give_up() -> bool:
             self.extend()
             return give_up()
@@ -131,8 +138,7 @@ class RunnerChild:
         if not line:
             self.kill()
             raise RunnerGoneError(f"The runner of scene {self.scene_id} did not start.")
-        started: dict[str, str] = json.loads(line)
-        return started
+        return RunnerStarted.model_validate_json(line)
 
 
 def _spawn(log: Path, order: RunnerOrder) -> "subprocess.Popen[str]":

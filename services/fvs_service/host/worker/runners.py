@@ -11,6 +11,8 @@ from typing import Any, TypeAlias, TypeVar
 
 from anyio.to_thread import run_sync
 from pydantic import TypeAdapter
+from sqlalchemy import delete, select
+from sqlalchemy.exc import IntegrityError
 
 from fvs_engine.candidates import CandidateScore
 from fvs_service.application import Storage
@@ -18,7 +20,6 @@ from fvs_service.errors import UnavailableError, deadline_passed
 from fvs_service.host.protocol.async_connection import AsyncConnections, exchange, result_of
 from fvs_service.host.protocol.connection import RunnerError, RunnerGoneError
 from fvs_service.host.protocol.messages import error_of
-from fvs_service.host.worker.runner_requests import RunnerRequests
 from fvs_service.rankings.port import (
     GeneratedViews,
     GenerateViews,
@@ -29,6 +30,9 @@ from fvs_service.rankings.port import (
     RankViews,
     RenderView,
 )
+from fvs_service.storage.database import Database
+from fvs_service.storage.notifications import Topic, announce
+from fvs_service.storage.tables import RunnerRequestRow
 from fvs_service.tracing import Span
 
 _START_S = 45.0
@@ -42,6 +46,39 @@ _SCORES = TypeAdapter(tuple[CandidateScore, ...])
 
 T = TypeVar("T")
 _Request: TypeAlias = RankViews | RenderView | GenerateViews | PlanViews
+
+
+class RunnerRequests:
+    """Gateways' requests for the runners of cold scenes, each taken by whichever worker is first.
+
+    One that is lost with its worker is made again by the waiting ranking.
+    """
+
+    def __init__(self, database: Database) -> None:
+        self._database = database
+
+    def add(self, scene_id: str) -> None:
+        """Have a worker start the scene's runner; no effect while that is requested already."""
+        try:
+            with self._database.writing() as session:
+                if session.get(RunnerRequestRow, scene_id) is None:
+                    session.add(RunnerRequestRow(scene_id=scene_id))
+                announce(session, Topic.RUNNERS)
+        except IntegrityError:
+            pass  # requested by another gateway meanwhile
+
+    def take(self) -> str | None:
+        """Take one request: the id of its scene; None when there is none."""
+        with self._database.reading() as session:
+            scene_id = session.scalar(select(RunnerRequestRow.scene_id).limit(1))
+        if scene_id is None:
+            return None
+        with self._database.writing() as session:
+            return session.scalar(
+                delete(RunnerRequestRow)
+                .where(RunnerRequestRow.scene_id == scene_id)
+                .returning(RunnerRequestRow.scene_id)
+            )
 
 
 class LeasedRunners:
@@ -178,6 +215,6 @@ async def _line(request: _Request, until: float) -> bytes:
 
 
 def _part(document: Any) -> tuple[CandidateScore, ...] | RankedViews:
-    if "scored" in document:
-        return _SCORES.validate_python(document["scored"])
+    if "part" in document:
+        return _SCORES.validate_python(document["part"])
     return RankedViews.model_validate(document["result"])

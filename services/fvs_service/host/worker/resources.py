@@ -1,14 +1,16 @@
-"""The memory budget of one worker: jobs that do not fit wait."""
+"""What a worker divides among its jobs: memory, and room on the disk. Jobs that do not fit wait."""
 
 import os
 import threading
+import time
 from collections.abc import Callable
 
 from fvs_engine.images.pixels import reduced_size
 from fvs_engine.splat.settings import memory_need_bytes
 from fvs_schema.images import Image
 from fvs_schema.jobs import JobKind, JobRequest
-from fvs_service.settings import WorkerSettings
+from fvs_service.settings import Settings, WorkerSettings
+from fvs_service.storage.blobs import free_bytes
 
 PROGRAM_BYTES = 700_000_000
 """A runner without a model: the interpreter, torch and Numba, and the SfM child. Measured on a
@@ -16,6 +18,7 @@ simulated scene of 11 images at 160 px: peaks of 570 MB and 110 MB."""
 _IDLE_GAUSSIAN_BYTES = 2 * 4 * 59
 _SHARE = 0.75
 _POLL_S = 0.25
+_LOOK_EVERY_S = 0.5
 
 
 def memory_limit_bytes(settings: WorkerSettings) -> int:
@@ -83,3 +86,34 @@ class MemoryBudget:
         with self._changed:
             self._reserved.pop(scene_id, None)
             self._changed.notify_all()
+
+
+class Room:
+    """Whether jobs may start and continue: the disk of the service's folder has more than its reserve left.
+
+    The reserve is what the database, and the checkpoint of a job that stops, are written into. A job starts
+    only with some room more, so that it does not stop at once.
+    """
+
+    def __init__(self, settings: Settings) -> None:
+        self._folder = settings.root
+        self._reserve_bytes = settings.reserve_bytes
+        self._start_bytes = settings.reserve_bytes + settings.worker.start_bytes
+        self._looked = float("-inf")
+        self._free_bytes = 0
+
+    @property
+    def short(self) -> bool:
+        """Whether there is too little room to start a job."""
+        return self._free() < self._start_bytes
+
+    @property
+    def used_up(self) -> bool:
+        """Whether jobs have come to the reserve and must stop."""
+        return self._free() < self._reserve_bytes
+
+    def _free(self) -> int:
+        if time.monotonic() - self._looked > _LOOK_EVERY_S:
+            self._looked = time.monotonic()
+            self._free_bytes = free_bytes(self._folder)
+        return self._free_bytes

@@ -1,7 +1,12 @@
 import threading
 import time
 
-from fvs_service.host.worker.memory import MemoryBudget, idle_need_bytes, job_need_bytes, memory_limit_bytes
+from fvs_service.host.worker.resources import (
+    MemoryBudget,
+    idle_need_bytes,
+    job_need_bytes,
+    memory_limit_bytes,
+)
 from fvs_service.settings import WorkerSettings
 
 from fvs_schema.jobs import JobKind, JobRequest
