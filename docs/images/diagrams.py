@@ -42,13 +42,14 @@ class Drawing:
 
     def text(
         self, x: float, y: float, *lines: str, anchor: str = "middle", size: int = 14, color: str = INK,
-        weight: str = "normal",
+        weight: str = "normal", halo: bool = False,
     ) -> None:  # fmt: skip
-        """Lines of text; ``y`` is the first one's baseline."""
+        """Lines of text; ``y`` is the first one's baseline. A ``halo`` keeps lines behind it away."""
+        around = ' stroke="#ffffff" stroke-width="4" paint-order="stroke"' if halo else ""
         for number, line in enumerate(lines):
             self._parts.append(
                 f'<text x="{x:g}" y="{y + number * size * 1.3:g}" text-anchor="{anchor}" font-size="{size}" '
-                f'fill="{color}" font-weight="{weight}">{escape(line)}</text>'
+                f'fill="{color}" font-weight="{weight}"{around}>{escape(line)}</text>'
             )
 
     def box(
@@ -191,13 +192,8 @@ def life_of_a_scene() -> str:
         d.text(x + 47.5, 103, stage, size=13)
         if number:
             d.arrow((x - 14, 98), (x, 98))
-    d.text(
-        695,
-        148,
-        "an image without enough matches stays unregistered, and is tried again",
-        size=12,
-        color=GREY,
-    )
+    unregistered = "an image without enough matches stays unregistered, and is tried again"
+    d.text(695, 148, unregistered, size=12, color=GREY)
 
     d.box(
         740,
@@ -214,7 +210,7 @@ def life_of_a_scene() -> str:
     d.text(812, 205, "the next update", "continues from here", size=12, anchor="end", color=GREY)
 
     d.box(
-        440, 235, 220, 100, "ranking", "scores candidates at any time,", "also while a job trains", fill=AMBER
+        440, 235, 220, 100, "ranking", "scores candidates at any", "time, also while a job trains", fill=AMBER
     )
     d.arrow((740, 285), (660, 285), mark="accent", width=2.4)
     d.box(140, 235, 220, 100, "next view", "the planner flies there and", "takes a photograph", fill=PAPER)
@@ -307,10 +303,94 @@ def frames() -> str:
     return d.svg()
 
 
+def _sequence(title: str, names: Sequence[str], steps: Sequence[tuple[int, int, str]]) -> str:
+    """Participants above their lifelines, and steps: from which to which (or to itself), and what."""
+    colors = {"client": PAPER, "storage": AMBER, "runner": GREEN, "SfM child": GREEN}
+    fills = [colors.get(name, BLUE) for name in names]
+    height = 110 + 37 * len(steps)
+    d = Drawing(1000, height, title)
+    apart = 1000 / len(names)
+    middles = [apart * (number + 0.5) for number in range(len(names))]
+    for x, name, fill in zip(middles, names, fills, strict=True):
+        d.polygon([(x, 62), (x, height - 20)])
+        d.box(x - 0.43 * apart, 20, 0.86 * apart, 42, fill=fill)
+        d.text(x, 46, name, weight="600", size=14)
+    for number, (start, end, what) in enumerate(steps):
+        y = 100 + 37 * number
+        if start == end:
+            width = 7 * len(what) + 16
+            left = min(max(middles[start] - width / 2, 8), 992 - width)
+            d.box(left, y - 19, width, 26, fill=fills[start])
+            d.text(left + width / 2, y - 2, what, size=12)
+        else:
+            d.arrow((middles[start], y), (middles[end], y))
+            d.text((middles[start] + middles[end]) / 2, y - 9, what, size=12, halo=True)
+    return d.svg()
+
+
+def photograph() -> str:
+    """A photograph, from its upload to the first Gaussians that show it."""
+    return _sequence(
+        "The way of a photograph",
+        ["client", "gateway", "inspector", "storage", "worker", "runner", "SfM child"],
+        [
+            (0, 1, "PUT …/images/…"),
+            (1, 2, "decode, within limits"),
+            (2, 1, "verdict"),
+            (1, 3, "bytes first, then the row"),
+            (1, 0, "201, accepted"),
+            (0, 1, "POST …/jobs: update"),
+            (1, 3, "the job's row, a notification"),
+            (3, 4, "wakes it"),
+            (4, 3, "takes job and lease"),
+            (4, 5, "run the job"),
+            (3, 5, "photographs"),
+            (5, 6, "features, matches"),
+            (5, 6, "register, adjust"),
+            (6, 5, "poses, points"),
+            (5, 5, "the gate, and checks of poses"),
+            (5, 5, "first Gaussians, at the sparse points"),
+            (5, 4, "the quick model"),
+            (4, 4, "aligns it with the world"),
+            (4, 3, "files, then the snapshot"),
+            (1, 0, "snapshot.created"),
+            (5, 5, "trains on; ranks meanwhile"),
+        ],
+    )
+
+
+def ranking() -> str:
+    """A ranking, from the request to the answer."""
+    return _sequence(
+        "The way of a ranking",
+        ["client", "gateway", "storage", "worker", "runner"],
+        [
+            (0, 1, "POST …/rankings"),
+            (1, 1, "checks the caller, then the body"),
+            (1, 2, "scene, snapshot, lease"),
+            (2, 1, "where its runner listens"),
+            (1, 2, "if there is none: start one"),
+            (2, 3, "wakes it"),
+            (3, 4, "starts it with the snapshot"),
+            (1, 1, "candidates, not visited, in the model frame"),
+            (1, 4, "views, method, the time that is left"),
+            (4, 4, "waits for earlier requests; equal ones share"),
+            (4, 4, "training pauses, for at most 2 s"),
+            (4, 4, "feasibility, then scores: render and spectrum"),
+            (4, 1, "scores, statuses, chances"),
+            (1, 1, "poses into the frame of the answer"),
+            (1, 2, "ranking and event, committed"),
+            (1, 0, "201, the ranking"),
+        ],
+    )
+
+
 DRAWINGS = {
     "architecture.svg": architecture,
     "life-of-a-scene.svg": life_of_a_scene,
     "frames.svg": frames,
+    "photograph.svg": photograph,
+    "ranking.svg": ranking,
 }
 
 if __name__ == "__main__":
