@@ -38,4 +38,4 @@ def test_a_notebook_shows_what_a_scene_has(
     assert "3 more photographs" in shown[2]
     assert shown[3].startswith('<img src="data:image/png;base64,')
     assert outputs[4][0]["text"].startswith("Scene(id=")
-    assert outputs[4][1]["evalue"] == "`cuont` is no field of Orbit; did you mean `count`?"
+    assert outputs[4][1]["evalue"] == "cuont: there is no such field. Did you mean `count`?"

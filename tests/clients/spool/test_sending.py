@@ -107,9 +107,7 @@ def test_a_refused_photograph_is_kept_and_the_next_goes_on(
     field: Field, photograph: Callable[..., bytes]
 ) -> None:
     (field.folder / "DJI_0000.JPG").write_bytes(photograph(9)[:300] + b"\xff\xd9")
-    (field.folder / "DJI_0001.json").write_text(
-        '{"latitude_deg": 480, "longitude_deg": 7.2, "altitude_m": 1}'
-    )
+    (field.folder / "DJI_0001.json").write_text('{"x_m": 480, "y_m": 7.2, "z_m": 1}')  # in no local world
     field.take()
     assert field.drain(delete_sent=True) == [State.REFUSED, State.REFUSED, State.SENT]
     unreadable, invalid, _ = field.outbox.all()
@@ -119,7 +117,7 @@ def test_a_refused_photograph_is_kept_and_the_next_goes_on(
     assert unreadable.refusal.hint
     assert invalid.refusal is not None
     assert invalid.refusal.code == "invalid-request"
-    assert "latitude" in invalid.refusal.reason
+    assert "local" in invalid.refusal.reason
     assert sorted(file.name for file in field.folder.glob("*.JPG")) == ["DJI_0000.JPG", "DJI_0001.JPG"]
     assert any("refused" in line for line in field.said)
 

@@ -51,7 +51,7 @@ def test_photographs_are_added_shown_sent_and_shown(folder: Path, url: str, clie
     assert result.exit_code == 10, result.output
     assert "DJI_0000.JPG: waiting" in result.output
     assert "torn.jpg has no end" in result.output
-    assert "bad.json cannot be used. `heading` is no field" in result.output
+    assert "bad.json cannot be used. heading: there is no such field" in result.output
 
     document = json.loads(_run("spool", "status", folder, "--json").stdout)
     assert document["counts"] == {"arriving": 1, "waiting": 2, "sending": 0, "sent": 0, "refused": 1}
