@@ -33,6 +33,7 @@ from fvs_engine.sfm.batch.reconstruct import reconstruct
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.pose_priors import ImageSet, PosePriors
 from fvs_engine.sfm.settings import SfmSettings
+from fvs_schema.findings import Finding, Severity
 
 SCENES = ("fox", "bonsai", "castle-P19", "truck11")
 SETTINGS = SfmSettings(threads=1)
@@ -78,13 +79,13 @@ def from_scratch(scene: Scene, names: Sequence[str], folder: Path) -> Outcome:
 def grown(scene: Scene, names: Sequence[str], folder: Path, priors: PosePriors) -> Outcome:
     """The first half together, the others one by one."""
     growing = GrowingReconstruction.open(folder, scene.image_dir, SETTINGS, Monitor())
-    half, warnings = max(2, len(names) // 2), list[str]()
+    half, warnings = max(2, len(names) // 2), list[Finding]()
     for some in (names[:half], *([name] for name in names[half:])):
         try:
             warnings += growing.add(some, Monitor(), priors).warnings
         except ReconstructionError:
             continue  # they support no model yet
-    verdict = "doubtful" if any("DOUBTFUL" in sentence for sentence in warnings) else "accepted"
+    verdict = "doubtful" if any(warning.severity is Severity.DOUBT for warning in warnings) else "accepted"
     return growing.reconstruction.centres(), verdict if growing.registered else "rejected"
 
 

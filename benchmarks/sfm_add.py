@@ -30,6 +30,7 @@ from fvs_engine.sfm.colmap.imports import import_colmap, import_transforms_json
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.pose_priors import ImageSet
 from fvs_engine.sfm.settings import SfmSettings
+from fvs_engine.wording import text
 
 BOOTSTRAP = 10
 TIMED = 5
@@ -88,7 +89,7 @@ def grow(images: Path, names: list[str], folder: Path, settings: SfmSettings) ->
             flush=True,
         )
         for warning in update.warnings:
-            print(f"  {warning}", flush=True)
+            print(f"  {text(warning)}", flush=True)
         yield Added(name, seconds, worked, growing.reconstruction.centres())
 
 

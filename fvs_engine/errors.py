@@ -57,20 +57,25 @@ class ContradictedPositionsError(ReconstructionError):
 
 
 class NativeJobError(ReconstructionError):
-    """A native job failed; ``crashed``: by itself, not because its process was killed."""
+    """The native job of a ``stage`` failed; ``how``: its error message, exit status or signal.
 
-    crashed = True
+    ``crashed``: by itself, not because its process was killed.
+    """
+
+    wording = "Stage {stage!r} failed: {how}."
+
+    def __init__(self, stage: str, how: str, *, crashed: bool = True, hint: str = "") -> None:
+        super().__init__(self.wording.format(stage=stage, how=how), hint=hint)
+        self.stage = stage
+        self.how = how
+        self.crashed = crashed
 
 
 class ProcessDiedError(NativeJobError):
-    """The process of a native job died; ``how`` is its exit status or signal, in words."""
+    """The process of a native job died."""
 
     code = "process-died"
-
-    def __init__(self, message: str, *, how: str, crashed: bool, hint: str = "") -> None:
-        super().__init__(message, hint=hint)
-        self.how = how
-        self.crashed = crashed
+    wording = "The process of stage {stage!r} died ({how})."
 
 
 class NoProcessError(EngineError):

@@ -1,10 +1,11 @@
-"""Progress reports of a long computation, its results so far, and the request to stop it."""
+"""Progress reports of a long computation, its findings and results so far, and the request to stop it."""
 
 import threading
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from fvs_engine.errors import Cancelled
+from fvs_schema.findings import Finding
 from fvs_schema.stages import Stage
 
 
@@ -32,7 +33,7 @@ class Progress:
 class Monitor:
     """Receives the progress of a computation, and carries the request to stop it.
 
-    ``on_progress`` and ``on_results`` are called in the computing thread; they must return quickly.
+    The callbacks are called in the computing thread; they must return quickly.
     ``cancel`` may be called from any thread or from a signal handler; the computation then raises
     ``Cancelled`` at its next ``check``, having left a resumable state behind.
     """
@@ -41,9 +42,11 @@ class Monitor:
         self,
         on_progress: Callable[[Progress], None] | None = None,
         on_results: Callable[[Sequence[object]], None] | None = None,
+        on_warning: Callable[[Finding], None] | None = None,
     ) -> None:
         self._on_progress = on_progress
         self._on_results = on_results
+        self._on_warning = on_warning
         self._cancelled = threading.Event()
 
     def report(
@@ -67,6 +70,11 @@ class Monitor:
         """Pass on a part of the results that is known before the end: the scores of some candidates."""
         if self._on_results is not None:
             self._on_results(results)
+
+    def warn(self, finding: Finding) -> None:
+        """Pass on what the user should know about the result."""
+        if self._on_warning is not None:
+            self._on_warning(finding)
 
     def cancel(self) -> None:
         """Request the computation to stop at its next safe point."""

@@ -31,7 +31,6 @@ from fvs_engine.cli.simulate_vehicle import simulate_vehicle
 from fvs_engine.errors import ContradictedModelsError, ContradictedPositionsError, EngineError
 
 if TYPE_CHECKING:
-    from fvs_engine.cli.jobs import Warn
     from fvs_engine.monitor import Monitor
     from fvs_engine.pipeline.rank import RankingResult
 
@@ -160,7 +159,7 @@ def reconstruct(
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job
 
-    def job(monitor: "Monitor", warn: "Warn") -> None:
+    def job(monitor: "Monitor") -> None:
         run.limit_threads()
         from fvs_engine.pipeline.manifest import ReconstructionSettings
         from fvs_engine.pipeline.reconstruct import reconstruct_folder
@@ -179,9 +178,7 @@ def reconstruct(
             intrinsics=read_intrinsics(intrinsics) if intrinsics else None,
             gps=gps,
         )
-        reconstruct_folder(
-            images, out, settings, overwrite=overwrite, monitor=monitor, warn=warn, threads=run.threads
-        )
+        reconstruct_folder(images, out, settings, overwrite=overwrite, monitor=monitor, threads=run.threads)
 
     run_job(job, machine=run.as_json, remedies=_REMEDIES)
     report.show_folder(out, machine=run.as_json)
@@ -235,7 +232,7 @@ def rank(
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job
 
-    def job(monitor: "Monitor", warn: "Warn") -> "tuple[RankingResult, Path]":  # noqa: ARG001
+    def job(monitor: "Monitor") -> "tuple[RankingResult, Path]":
         run.limit_threads()
         from fvs_engine.pipeline.rank import rank_candidates
 
@@ -275,7 +272,7 @@ def render(
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job
 
-    def job(monitor: "Monitor", warn: "Warn") -> tuple[Path, ...]:  # noqa: ARG001
+    def job(monitor: "Monitor") -> tuple[Path, ...]:
         run.limit_threads()
         from fvs_engine.pipeline.render import render_views
 

@@ -10,7 +10,6 @@ from fvs_engine.cli.options import MAX_SEED, MAX_VIEWS, DatasetOptions, LoopOpti
 from fvs_schema.words import Method
 
 if TYPE_CHECKING:
-    from fvs_engine.cli.jobs import Warn
     from fvs_engine.lab.evaluate.report import Summary
     from fvs_engine.monitor import Monitor
 
@@ -109,7 +108,7 @@ def evaluate(
     seed_numbers = _whole_numbers(seeds, "--seeds", 0, MAX_SEED)
     counts = None if views is None else _whole_numbers(views, "--views", 2, MAX_VIEWS)
 
-    def job(monitor: "Monitor", warn: "Warn") -> "Summary":
+    def job(monitor: "Monitor") -> "Summary":
         run.limit_threads()
         from fvs_engine.lab.evaluate.from_datasets import evaluate_selectors
         from fvs_engine.lab.evaluate.protocol import protocol_from_preset
@@ -130,7 +129,6 @@ def evaluate(
             backend=run.backend,
             threads=run.threads,
             monitor=monitor,
-            warn=warn,
         )
 
     report.show_experiment(run_job(job, machine=run.as_json), out, machine=run.as_json)

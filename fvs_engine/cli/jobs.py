@@ -17,6 +17,7 @@ from fvs_engine.cli.exit_codes import INTERRUPTED, exit_code_of
 from fvs_engine.cli.progress import Display, create_display
 from fvs_engine.errors import Cancelled, EngineError
 from fvs_engine.monitor import Monitor
+from fvs_engine.wording import text
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -27,14 +28,10 @@ _Result = TypeVar("_Result")
 Remedies = Mapping[type[EngineError], str]
 """Kinds of errors → the sentence that names the options of the command that help."""
 NO_REMEDIES: Remedies = MappingProxyType({})
-Warn = Callable[[str], None]
-"""Shows a warning, one sentence, to the user."""
 
 
-def run_job(
-    job: Callable[[Monitor, Warn], _Result], *, machine: bool, remedies: Remedies = NO_REMEDIES
-) -> _Result:
-    """Run ``job(monitor, warn)`` with progress on stderr, and return what it returns.
+def run_job(job: Callable[[Monitor], _Result], *, machine: bool, remedies: Remedies = NO_REMEDIES) -> _Result:
+    """Run ``job(monitor)`` with progress and warnings on stderr, and return what it returns.
 
     The job runs in a thread of its own, so that the main thread can handle signals while native code runs.
     The first SIGINT or SIGTERM requests the job to stop, the second ends the process at once. An
@@ -45,11 +42,11 @@ def run_job(
     outcome: list[_Result] = []
     failure: list[BaseException] = []
     with create_display(machine=machine) as display:
-        monitor = Monitor(display.update)
+        monitor = Monitor(display.update, on_warning=lambda finding: display.show(text(finding)))
 
         def run() -> None:
             try:
-                outcome.append(job(monitor, display.show))
+                outcome.append(job(monitor))
             except BaseException as error:  # raised again in the main thread
                 failure.append(error)
 
@@ -84,7 +81,7 @@ def fail(error: EngineError, *, machine: bool, remedy: str = "") -> NoReturn:
 class _Shown(logging.Handler):
     """Forwards logged warnings to ``show``."""
 
-    def __init__(self, show: Warn) -> None:
+    def __init__(self, show: Callable[[str], None]) -> None:
         super().__init__(logging.WARNING)
         self._show = show
 

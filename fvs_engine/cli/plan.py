@@ -9,7 +9,6 @@ from fvs_engine.choices import MAX_VEHICLES
 from fvs_engine.cli.options import JsonOption
 
 if TYPE_CHECKING:
-    from fvs_engine.cli.jobs import Warn
     from fvs_engine.monitor import Monitor
     from fvs_engine.pipeline.plan import PlanResult
     from fvs_engine.plan.generate import Aim
@@ -155,7 +154,7 @@ def plan(
         )
     free = volume is not None or safety is not None or bool(no_fly)
 
-    def job(monitor: "Monitor", _warn: "Warn") -> "tuple[PlanResult, Path]":
+    def job(monitor: "Monitor") -> "tuple[PlanResult, Path]":
         from fvs_engine.pipeline.plan import Flight, plan_next_views
         from fvs_engine.plan.tours import Budget
 

@@ -10,7 +10,6 @@ from fvs_engine.cli.options import MAX_SEED, MAX_VIEWS, DatasetOptions, LoopOpti
 from fvs_schema.words import Method
 
 if TYPE_CHECKING:
-    from fvs_engine.cli.jobs import Warn
     from fvs_engine.monitor import Monitor
     from fvs_engine.pipeline.select import SelectionResult
 
@@ -94,7 +93,7 @@ def select(
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job
 
-    def job(monitor: "Monitor", warn: "Warn") -> "SelectionResult":
+    def job(monitor: "Monitor") -> "SelectionResult":
         run.limit_threads()
         from fvs_engine.lab.baselines import create_selector
         from fvs_engine.pipeline.select import select_views
@@ -122,7 +121,6 @@ def select(
             transforms=source.transforms,
             backend=run.backend,
             monitor=monitor,
-            warn=warn,
         )
 
     report.show_selection(run_job(job, machine=run.as_json), out, machine=run.as_json)

@@ -10,7 +10,6 @@ from fvs_engine.choices import LookAlike
 from fvs_engine.cli.options import MAX_SEED, JsonOption
 
 if TYPE_CHECKING:
-    from fvs_engine.cli.jobs import Warn
     from fvs_engine.monitor import Monitor
 
 
@@ -71,7 +70,7 @@ def simulate(
     if outwards and radius is not None:
         raise typer.BadParameter("The radius is of the orbit: leave it out.", param_hint="--outwards")
 
-    def job(monitor: "Monitor", warn: "Warn") -> tuple[Path, ...]:  # noqa: ARG001
+    def job(monitor: "Monitor") -> tuple[Path, ...]:
         from fvs_engine.lab.simulate import SimulatedCamera, write_photographs
         from fvs_engine.lab.simulate.facades import lookalike_courtyard
         from fvs_engine.lab.simulate.tours import look_around, orbit, survey

@@ -1,6 +1,5 @@
 """Matching of names from a COLMAP model, a ``transforms.json`` or a request to image files."""
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -15,11 +14,6 @@ def listed(names: Sequence[str]) -> str:
     """The names for a message: the first few, and how many more there are."""
     more = len(names) - _LISTED
     return ", ".join(names[:_LISTED]) + (f" and {more} more" if more > 0 else "")
-
-
-def mentions(sentence: str, name: str) -> bool:
-    """Whether a sentence names an image, as a whole word: one about ``11.jpg`` does not name ``1.jpg``."""
-    return re.search(rf"(?<!\S){re.escape(name)}(?=[,.:;]?(?:\s|$))", sentence) is not None
 
 
 @dataclass(frozen=True)

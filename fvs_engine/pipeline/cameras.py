@@ -1,7 +1,7 @@
 """Cameras of a reconstruction: estimated by structure from motion or imported, then undistorted."""
 
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -18,11 +18,12 @@ from fvs_engine.sfm.colmap.imports import fit_cameras, import_colmap, import_tra
 from fvs_engine.sfm.colmap.model import write_colmap
 from fvs_engine.sfm.native_process import end_child
 from fvs_engine.sfm.pose_priors import ImageSet, PosePriors
-from fvs_engine.sfm.quarantine import CulpritError, warning
+from fvs_engine.sfm.quarantine import CulpritError
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import SfmReport
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder
+from fvs_schema.findings import Finding
 
 _MIN_VIEWS = 2
 
@@ -32,21 +33,20 @@ def find_cameras(
     manifest: Manifest,
     *,
     monitor: Monitor,
-    warn: Callable[[str], None],
     threads: int | None = None,
 ) -> Manifest:
     """Estimate or import the photographs' cameras, undistort them, and record both in the manifest.
 
-    Structure from motion resumes an earlier call. Its warnings go to
-    ``warn``. Raises ``ReconstructionError`` when the photographs support no model, ``InvalidInputError`` when
-    imported cameras do not belong to them, ``StorageError`` when the folder cannot be written, ``Cancelled``.
+    Structure from motion resumes an earlier call; the monitor gets its warnings. Raises
+    ``ReconstructionError`` when the photographs support no model, ``InvalidInputError`` when imported cameras
+    do not belong to them, ``StorageError`` when the folder cannot be written, ``Cancelled``.
     """
     began = time.monotonic()
     with storage_errors(workspace.sfm), blame_full_disk(workspace.root):
         source, model, report, warnings = _find_undistorted(workspace, manifest, monitor, threads)
     end_child()
-    for sentence in warnings:
-        warn(sentence)
+    for finding in warnings:
+        monitor.warn(finding)
     names = {record.normalised_name for record in manifest.images.photographs}
     registered = tuple(sorted(view.name for view in model.views))
     record = CamerasRecord(
@@ -64,7 +64,7 @@ def find_cameras(
 
 def _find_undistorted(
     workspace: Workspace, manifest: Manifest, monitor: Monitor, threads: int | None
-) -> tuple[CameraSource, Reconstruction, SfmReport | None, Sequence[str]]:
+) -> tuple[CameraSource, Reconstruction, SfmReport | None, Sequence[Finding]]:
     """The source of the cameras, the undistorted model, the report on the cameras, and warnings.
 
     Images that crash the undistortion are quarantined, and the cameras are found without them.
@@ -77,7 +77,7 @@ def _find_undistorted(
         except CulpritError as culprit:
             quarantine.add(culprit)
             continue
-        left_out = [warning(*each) for each in quarantine.reasons.items()]
+        left_out = tuple(quarantine.reasons.values())
         return source, model, report, left_out if report is None else report.warnings
 
 

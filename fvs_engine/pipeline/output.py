@@ -1,17 +1,18 @@
 """Opening of a command's dataset, and of the output folder it writes to."""
 
 import contextlib
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.lock import locked_folder
 from fvs_engine.files.storage import storage_errors
+from fvs_engine.monitor import Monitor
 from fvs_engine.scene.dataset import Dataset, open_dataset
 
 
 def open_outside(
-    out: Path, folder: Path, colmap: Path | None, transforms: Path | None, warn: Callable[[str], None]
+    out: Path, folder: Path, colmap: Path | None, transforms: Path | None, monitor: Monitor
 ) -> Dataset:
     """Open the dataset in ``folder`` and pass on its warnings.
 
@@ -24,7 +25,7 @@ def open_outside(
             )
     dataset = open_dataset(folder, colmap, transforms)
     for warning in dataset.warnings:
-        warn(warning)
+        monitor.warn(warning)
     return dataset
 
 

@@ -1,6 +1,5 @@
 """Reconstruction of a folder of photographs: cameras and a trained splat; every stage can be resumed."""
 
-from collections.abc import Callable
 from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError, NoImagesError, OutputExistsError
@@ -19,6 +18,7 @@ from fvs_engine.pipeline.manifest import (
     RejectionRecord,
 )
 from fvs_engine.pipeline.workspace import Workspace
+from fvs_schema.findings import Finding, FindingCode
 
 MIN_PHOTOGRAPHS = 2
 _BYTES_PER_PIXEL = 4
@@ -32,9 +32,6 @@ _LASTING = (
 )
 """The settings that a resumed reconstruction must share with the one that it resumes."""
 
-Warn = Callable[[str], None]
-"""Shows a warning, one sentence, to the user."""
-
 
 def reconstruct_folder(
     photographs: Path,
@@ -43,7 +40,6 @@ def reconstruct_folder(
     *,
     overwrite: bool = False,
     monitor: Monitor | None = None,
-    warn: Warn = lambda _sentence: None,
     threads: int | None = None,
 ) -> Metrics:
     """Reconstruct ``photographs`` into the folder ``out``; resumes what is there.
@@ -85,7 +81,14 @@ def reconstruct_folder(
             )
     catalog = catalog_images(photographs, leave_out=out, monitor=monitor, threads=threads)
     for rejected in catalog.rejected:
-        warn(f"Left out {rejected.name}: {rejected.reason} {rejected.hint}")
+        monitor.warn(
+            Finding.of(
+                FindingCode.UNUSABLE_PHOTOGRAPH,
+                [rejected.name],
+                why=rejected.reason,
+                remedy=rejected.hint,
+            )
+        )
     _require_photographs(catalog)
 
     workspace = Workspace(out)
@@ -93,7 +96,7 @@ def reconstruct_folder(
         if overwrite:
             workspace.clear()
         manifest = _open_manifest(workspace, settings, _images_record(catalog))
-        return _compute(workspace, manifest, catalog, monitor, warn, threads)
+        return _compute(workspace, manifest, catalog, monitor, threads)
 
 
 def _compute(
@@ -101,7 +104,6 @@ def _compute(
     manifest: Manifest,
     catalog: ImageCatalog,
     monitor: Monitor,
-    warn: Warn,
     threads: int | None,
 ) -> Metrics:
     """The long stages; imported here, so that invalid input is reported before their slow import."""
@@ -117,8 +119,8 @@ def _compute(
         require_free_bytes(workspace.root, copies + disk_need_bytes(manifest.settings))
         with storage_errors(workspace.images):
             normalise_images(catalog.photographs, workspace.images, monitor=monitor, threads=threads)
-        manifest = find_cameras(workspace, manifest, monitor=monitor, warn=warn, threads=threads)
-    return train(workspace, manifest, monitor=monitor, warn=warn)
+        manifest = find_cameras(workspace, manifest, monitor=monitor, threads=threads)
+    return train(workspace, manifest, monitor=monitor)
 
 
 def _require_photographs(catalog: ImageCatalog) -> None:

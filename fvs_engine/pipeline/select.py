@@ -8,7 +8,6 @@ trajectory.png    the path of the camera, from above
 point_cloud.ply   the full model of all views, in the layout that splat viewers read
 """
 
-from collections.abc import Callable
 from pathlib import Path
 
 from fvs_engine.choices import Poses
@@ -26,6 +25,7 @@ from fvs_engine.select.loop import SelectionLoop, StepRecord, StopReason
 from fvs_engine.select.trajectory import draw_trajectory
 from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.raster import create_rasterizer
+from fvs_schema.findings import Finding, FindingCode
 
 
 class SelectedView(Record):
@@ -85,7 +85,6 @@ def select_views(
     transforms: Path | None = None,
     backend: str = "auto",
     monitor: Monitor | None = None,
-    warn: Callable[[str], None] = lambda _sentence: None,
 ) -> SelectionResult:
     """Choose views of the dataset in ``folder`` until the selection ends; results go to the folder ``out``.
 
@@ -95,27 +94,25 @@ def select_views(
     ``SelectionLoop`` and the parts below them raise; ``out`` then holds the last good state.
     """
     monitor = monitor or Monitor()
-    dataset = open_outside(out, folder, colmap, transforms, warn)
+    dataset = open_outside(out, folder, colmap, transforms, monitor)
     settings = request.loop_settings(dataset)
     if not (out / "selection.json").exists():  # a truncated image would end it half-way
         require_usable(dataset.image_dir, dataset.names, monitor=monitor)
     rasterizer = create_rasterizer(backend, monitor)
     with locked_output(out):
         loop = SelectionLoop.open(out, dataset, settings, selector, rasterizer, monitor)
-        return _run(loop, out, monitor, warn)
+        return _run(loop, out, monitor)
 
 
-def _run(loop: SelectionLoop, out: Path, monitor: Monitor, warn: Callable[[str], None]) -> SelectionResult:
+def _run(loop: SelectionLoop, out: Path, monitor: Monitor) -> SelectionResult:
     for warning in loop.begin(monitor):
-        warn(warning)
+        monitor.warn(warning)
     if loop.scene.unregistered and not loop.records:
-        warn(
-            f"{len(loop.scene.unregistered)} of the {len(loop.initial)} initial views are unregistered: "
-            f"{', '.join(loop.scene.unregistered)}."
-        )
+        unregistered = loop.scene.unregistered
+        monitor.warn(Finding.of(FindingCode.UNREGISTERED, unregistered, of=len(loop.initial)))
     while isinstance(step := loop.step(monitor), StepRecord):
         for warning in step.warnings:
-            warn(warning)
+            monitor.warn(warning)
     model = loop.scene.train("full", monitor)
     result = _result(loop, model, step)
     draw_trajectory(

@@ -4,7 +4,7 @@ import os
 import resource
 import sys
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
@@ -38,6 +38,7 @@ from fvs_engine.splat.spz import write_spz
 from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import PinholeView
+from fvs_schema.findings import Finding, FindingCode
 
 _BYTES_PER_GAUSSIAN = 1_000
 """A checkpoint at SH degree 3 (parameters and Adam's moments) and the PLY, both twice while replaced."""
@@ -54,9 +55,7 @@ def disk_need_bytes(settings: ReconstructionSettings) -> int:
     return training_settings(settings).max_gaussians * _BYTES_PER_GAUSSIAN
 
 
-def train(
-    workspace: Workspace, manifest: Manifest, *, monitor: Monitor, warn: Callable[[str], None]
-) -> Metrics:
+def train(workspace: Workspace, manifest: Manifest, *, monitor: Monitor) -> Metrics:
     """Train up to the iterations of ``manifest.settings``, evaluate, and write the results.
 
     Resumes from the folder's checkpoint. A checkpoint, the point cloud and the manifest are written every
@@ -65,7 +64,7 @@ def train(
     settings = training_settings(manifest.settings)
     finished = workspace.read_metrics()
     if finished is not None and finished.iterations >= settings.iterations:
-        warn(f"Nothing to do: the model has had {finished.iterations:,} iterations already.")
+        monitor.warn(Finding.of(FindingCode.ALREADY_TRAINED, iterations=finished.iterations))
         return finished
 
     long_side_px = manifest.settings.training_long_side_px
@@ -73,7 +72,7 @@ def train(
     views = model_views(reconstruction, long_side_px)
     training, held_out = hold_out_views(views, manifest.settings.test_every)
     if not held_out and manifest.settings.test_every:
-        warn(f"No view is held out: {len(views)} are too few to spare one.")
+        monitor.warn(Finding.of(FindingCode.NONE_HELD_OUT, views=len(views)))
     rasterizer = create_rasterizer(manifest.settings.backend, monitor)
     photographs = Photographs(workspace.undistorted_images, long_side_px)
     loaded = photographs.load_all(training, monitor)
@@ -87,7 +86,7 @@ def train(
         rasterizer,
         manifest.settings.seed,
     )
-    _warn_of_memory(settings, loaded, warn)
+    _warn_of_memory(settings, loaded, monitor)
     state = _State(workspace, manifest, trainer, training, held_out)
     train_saving(trainer, settings.iterations, monitor, state.save)
     state.save()
@@ -140,9 +139,7 @@ class _State:
         self._workspace.write_manifest(self._manifest.model_copy(update={"training": record}))
 
 
-def _warn_of_memory(
-    settings: TrainingSettings, views: Sequence[TrainingView], warn: Callable[[str], None]
-) -> None:
+def _warn_of_memory(settings: TrainingSettings, views: Sequence[TrainingView], monitor: Monitor) -> None:
     """Warn when training may need more memory than the machine has."""
     largest = max((view.camera for view in views), key=lambda camera: camera.width * camera.height)
     need_bytes = memory_need_bytes(
@@ -150,10 +147,8 @@ def _warn_of_memory(
     )
     machine_bytes = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if need_bytes > machine_bytes:
-        warn(
-            f"Training may need {need_bytes / 1e9:.1f} GB of memory, and this machine has "
-            f"{machine_bytes / 1e9:.1f} GB: a smaller --long-side or --quality coarse needs less."
-        )
+        need_gb, machine_gb = need_bytes / 1e9, machine_bytes / 1e9
+        monitor.warn(Finding.of(FindingCode.LITTLE_MEMORY, need_gb=need_gb, machine_gb=machine_gb))
 
 
 def _evaluate(

@@ -13,7 +13,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.folders import require_folder
 from fvs_engine.geometry import Camera
 from fvs_engine.images.catalog import SUFFIXES
-from fvs_engine.images.names import listed, match_files
+from fvs_engine.images.names import match_files
 from fvs_engine.scene.sparse_points import SparsePoints, points_from_pycolmap
 from fvs_engine.sfm.colmap.imports import find_colmap_model, fit_camera, import_transforms_json
 from fvs_engine.sfm.colmap.model import (
@@ -23,6 +23,7 @@ from fvs_engine.sfm.colmap.model import (
     rigid_from_pycolmap,
 )
 from fvs_engine.views import AnyView, View
+from fvs_schema.findings import Finding, FindingCode
 
 _MIN_VIEWS = 2
 
@@ -34,7 +35,7 @@ class Dataset:
     A view's name is its photograph's posix path in ``image_dir``, its camera has the photograph's size, and
     its ``camera_from_model`` starts from the dataset's own model: a scene with known poses takes that as its
     model frame, a scene that estimates poses aligns with it. ``points`` are those of the dataset's model,
-    None when it has none. ``warnings`` are sentences about what was left out. ``arriving``: photographs are
+    None when it has none. ``warnings`` are about what was left out. ``arriving``: photographs are
     added to the folder over time, may be deleted from it, and have no known poses; there are no views then,
     and a scene of it estimates poses by structure from motion.
     """
@@ -43,7 +44,7 @@ class Dataset:
     image_dir: Path
     views: tuple[AnyView, ...]
     points: SparsePoints | None = None
-    warnings: tuple[str, ...] = field(default=())
+    warnings: tuple[Finding, ...] = field(default=())
     arriving: bool = False
 
     @cached_property
@@ -100,12 +101,11 @@ def read_dataset(images: Path, colmap: Path | None = None, transforms: Path | No
         )
     warnings = []
     if missing:
-        warnings.append(
-            f"{len(missing)} of the {len(posed)} views in {source} have no photograph: {listed(missing)}."
-        )
+        code = FindingCode.VIEWS_WITHOUT_PHOTOGRAPH
+        warnings.append(Finding.of(code, missing, of=len(posed), source=str(source)))
     unposed = sorted(_photograph_names(images) - {view.name for view in views})
     if unposed:
-        warnings.append(f"{len(unposed)} photographs have no pose and are not used: {listed(unposed)}.")
+        warnings.append(Finding.of(FindingCode.PHOTOGRAPHS_WITHOUT_POSE, unposed))
     points = None if model is None else points_from_pycolmap(model, names)
     title = images.resolve().parent.name if images.name == "images" else images.name
     return Dataset(title, images, tuple(views), points, tuple(warnings))

@@ -21,6 +21,7 @@ from fvs_engine.sfm.report import GIVEN, Evidence
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
 from fvs_engine.views import AnyView
+from fvs_schema.findings import Finding
 
 MIN_MATCH_SUPPORT = 0.5
 """Match support below which the given poses are taken to belong to other photographs."""
@@ -48,12 +49,12 @@ class KnownPoses:
         return None
 
     @property
-    def quarantined(self) -> Mapping[str, str]:
+    def quarantined(self) -> Mapping[str, Finding]:
         """See ``PoseSource``: images that crash triangulation."""
         return SfmFolder(self._folder).quarantine.reasons
 
     @property
-    def why_unregistered(self) -> Mapping[str, str]:
+    def why_unregistered(self) -> Mapping[str, Finding]:
         """See ``PoseSource``: empty, as the dataset has a pose of every image."""
         return {}
 
@@ -81,7 +82,7 @@ class KnownPoses:
         points, or, where it has none, by their matches with each other.
         """
         views = tuple(self._dataset.by_name[name] for name in visited)
-        warnings: tuple[str, ...] = ()
+        warnings: tuple[Finding, ...] = ()
         if self._dataset.points is not None:
             self._require_colors(views, self._dataset.points, monitor)
             points = self._dataset.points.seen_by(visited)
@@ -95,7 +96,9 @@ class KnownPoses:
         monitor.check()
         return {name: self._dataset.by_name[name] for name in names}
 
-    def _triangulated(self, views: Sequence[AnyView], monitor: Monitor) -> tuple[PointCloud, tuple[str, ...]]:
+    def _triangulated(
+        self, views: Sequence[AnyView], monitor: Monitor
+    ) -> tuple[PointCloud, tuple[Finding, ...]]:
         if len(views) < _MIN_VIEWS:
             return PointCloud.empty(), ()
         given = Reconstruction.of_views(views)

@@ -17,6 +17,7 @@ from fvs_engine.scene.sfm_poses import SfmPoses
 from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.views import AnyView
+from fvs_schema.findings import Finding
 
 
 class PoseSource(Protocol):
@@ -28,13 +29,13 @@ class PoseSource(Protocol):
         ...
 
     @property
-    def quarantined(self) -> Mapping[str, str]:
+    def quarantined(self) -> Mapping[str, Finding]:
         """Images that are left out because they crash structure from motion → the reasons."""
         ...
 
     @property
-    def why_unregistered(self) -> Mapping[str, str]:
-        """Images without a pose → the reason, a sentence, by the last try."""
+    def why_unregistered(self) -> Mapping[str, Finding]:
+        """Images without a pose → the reason, by the last try."""
         ...
 
     def has(self, visited: Collection[str]) -> bool:

@@ -27,6 +27,7 @@ from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import AnyView
+from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.stages import Stage
 
 
@@ -42,7 +43,7 @@ class SceneUpdate:
     registered: tuple[str, ...]
     unregistered: tuple[str, ...]
     moved: int
-    warnings: tuple[str, ...]
+    warnings: tuple[Finding, ...]
     seconds: Mapping[str, float]
 
 
@@ -126,12 +127,12 @@ class Scene:
         return tuple(name for name in self._visited if name not in self._posed)
 
     @property
-    def why_unregistered(self) -> Mapping[str, str]:
+    def why_unregistered(self) -> Mapping[str, Finding]:
         """Visited images without a pose → the reason, a sentence, as far as it is known."""
         return self._source.why_unregistered
 
     @property
-    def quarantined(self) -> Mapping[str, str]:
+    def quarantined(self) -> Mapping[str, Finding]:
         """Visited images that are left out because they crash structure from motion → the reasons."""
         return self._source.quarantined
 
@@ -292,14 +293,11 @@ class Scene:
             monitor.report(Stage.LOAD, done, len(ordered))
         return posed, tuple(views), moved
 
-    def _scarcity(self) -> tuple[str, ...]:
-        """A warning when models start from guesses."""
+    def _scarcity(self) -> tuple[Finding, ...]:
+        """The finding when models start from guesses."""
         if not self._views or len(self._starts) >= MIN_POINTS:
             return ()
-        return (
-            f"The {len(self._views)} registered views share only {len(self._starts)} points: Gaussians also "
-            "start at guessed depths.",
-        )
+        return (Finding.of(FindingCode.FEW_STARTS, views=len(self._views), points=len(self._starts)),)
 
     def _set(
         self,

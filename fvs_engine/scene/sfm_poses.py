@@ -11,6 +11,7 @@ from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.views import AnyView
+from fvs_schema.findings import Finding
 
 
 class SfmPoses:
@@ -39,12 +40,12 @@ class SfmPoses:
         return self._growing.model_dir
 
     @property
-    def quarantined(self) -> Mapping[str, str]:
+    def quarantined(self) -> Mapping[str, Finding]:
         """See ``PoseSource``."""
         return self._growing.quarantined
 
     @property
-    def why_unregistered(self) -> Mapping[str, str]:
+    def why_unregistered(self) -> Mapping[str, Finding]:
         """See ``PoseSource``."""
         return self._growing.why_unregistered
 

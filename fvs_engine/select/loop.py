@@ -46,6 +46,7 @@ from fvs_engine.select.vehicles import Vehicle, Vehicles
 from fvs_engine.splat.metrics import psnr
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
+from fvs_schema.findings import Finding
 from fvs_schema.stages import Stage
 
 __all__ = [
@@ -152,7 +153,7 @@ class SelectionLoop:
         scene = Scene.open(place.scene, dataset, settings.scene, rasterizer, monitor)
         return cls(place, manifest, dataset, scene, settings, selector, reach)
 
-    def begin(self, monitor: Monitor) -> tuple[str, ...]:
+    def begin(self, monitor: Monitor) -> tuple[Finding, ...]:
         """Train on the initial views, or on what a resumed selection had visited; return warnings, once.
 
         ``step`` calls it if necessary. Raises ``ReconstructionError`` when the initial views do not overlap,
@@ -161,7 +162,7 @@ class SelectionLoop:
         if self._begun:
             return ()
         monitor.report(Stage.SELECT, len(self.visited), self.settings.budget)
-        warnings: tuple[str, ...] = ()
+        warnings: tuple[Finding, ...] = ()
         if self._pending is None:  # otherwise ``step`` finishes the pending choice
             warnings, _ = self._add(self.visited, monitor)
             self._train(monitor)
@@ -287,7 +288,7 @@ class SelectionLoop:
                 return psnr(model.render(view, self.scene.rasterizer), view.image / 255.0)
         return None
 
-    def _add(self, names: Iterable[str], monitor: Monitor) -> tuple[tuple[str, ...], float]:
+    def _add(self, names: Iterable[str], monitor: Monitor) -> tuple[tuple[Finding, ...], float]:
         """Add views; returns warnings and seconds."""
         began = time.monotonic()
         update = self.scene.add(tuple(names), monitor)

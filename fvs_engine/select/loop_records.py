@@ -6,6 +6,7 @@ from fvs_engine.candidates import RankedCandidate
 from fvs_engine.geometry.alignment.dataset import DatasetAlignment
 from fvs_engine.plan.plan_records import Outlook
 from fvs_engine.records import Record
+from fvs_schema.findings import Finding
 
 
 class AlignmentRecord(Record):
@@ -83,7 +84,7 @@ class StepRecord(Record):
 
     ``views`` were visited, the chosen one included; of them ``registered`` are in the model and
     ``unregistered`` are not. ``iterations`` and ``gaussians`` are those of the quick model. ``warnings`` are
-    sentences about this view.
+    about this view.
     """
 
     choice: Choice
@@ -92,7 +93,7 @@ class StepRecord(Record):
     unregistered: int
     iterations: int
     gaussians: int
-    warnings: tuple[str, ...]
+    warnings: tuple[Finding, ...]
     seconds: StepSeconds
 
     @property

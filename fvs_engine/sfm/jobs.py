@@ -13,6 +13,7 @@ from pydantic import TypeAdapter
 
 from fvs_engine.records import Record
 from fvs_engine.sfm.pose_priors import PosePriors
+from fvs_schema.findings import Finding
 
 Report = Callable[[int], None]
 """How a job reports its progress: called with the number of items that are done."""
@@ -168,7 +169,7 @@ class Registration(Record):
     posed: tuple[str, ...]
     """All images with a pose now."""
 
-    rejected: dict[str, str]
+    rejected: dict[str, Finding]
     """Images whose pose was rejected → the reason."""
 
     adjusted_images: int

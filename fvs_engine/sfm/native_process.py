@@ -81,7 +81,7 @@ def run_native(
         raise _death(job, status, log_file)
     if "error" in outcome:
         reason = outcome["error"].rstrip(".")
-        raise NativeJobError(f"Stage {job!r} failed: {reason}.", hint=f"Details are in {log_file}.")
+        raise NativeJobError(job, reason, hint=f"Details are in {log_file}.")
     return request.read(outcome["result"])
 
 
@@ -105,8 +105,7 @@ def _death(job: str, status: int, log_file: Path) -> ProcessDiedError:
     else:
         hint = f"pycolmap crashed. Its last output is in {log_file}."
     how = f"exit status {status}" if status >= 0 else f"signal {signal.Signals(-status).name}"
-    message = f"The process of stage {job!r} died ({how})."
-    return ProcessDiedError(message, how=how, crashed=status not in _KILLED, hint=hint)
+    return ProcessDiedError(job, how, crashed=status not in _KILLED, hint=hint)
 
 
 def _no_process(reason: str) -> NoProcessError:

@@ -8,24 +8,20 @@ from pydantic import Field
 from fvs_engine.errors import NativeJobError, ReconstructionError
 from fvs_engine.files.record import read_record, write_record
 from fvs_engine.records import Record
+from fvs_schema.findings import Finding, FindingCode
 
 
 class CulpritError(ReconstructionError):
-    """The image ``name`` crashes a native job; ``reason`` names the stage and the cause."""
+    """The image ``name`` crashed a native job with ``error`` in every run; ``reason`` is the finding."""
 
-    def __init__(self, name: str, reason: str) -> None:
-        super().__init__(f"{name} cannot be used: {reason}", hint="Leave it out.")
+    def __init__(self, name: str, error: NativeJobError) -> None:
+        super().__init__(f"{name} cannot be used: {error.message}", hint="Leave it out.")
         self.name = name
-        self.reason = reason
-
-    @classmethod
-    def of(cls, name: str, error: NativeJobError) -> "CulpritError":
-        """For the image that crashed a job with ``error`` in every run."""
-        return cls(name, f"{error.message} It does so whenever it gets this image.")
+        self.reason = Finding.of(FindingCode.QUARANTINED, [name], stage=error.stage, how=error.how)
 
 
 class _Quarantined(Record):
-    images: dict[str, str] = Field(default={})
+    images: dict[str, Finding] = Field(default={})
 
 
 class Quarantine:
@@ -35,7 +31,7 @@ class Quarantine:
         self._file = file
 
     @property
-    def reasons(self) -> Mapping[str, str]:
+    def reasons(self) -> Mapping[str, Finding]:
         """Name of each quarantined image → why."""
         found = read_record(self._file, _Quarantined, "Delete it; the images are then tried again.")
         return {} if found is None else found.images
@@ -52,11 +48,6 @@ class Quarantine:
         if released & before.keys():
             self._write({name: reason for name, reason in before.items() if name not in released})
 
-    def _write(self, images: Mapping[str, str]) -> None:
+    def _write(self, images: Mapping[str, Finding]) -> None:
         self._file.parent.mkdir(parents=True, exist_ok=True)
         write_record(self._file, _Quarantined(images=dict(images)))
-
-
-def warning(name: str, reason: str) -> str:
-    """The sentence for the user about a quarantined image."""
-    return f"{name} is quarantined: {reason}"

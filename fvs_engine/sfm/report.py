@@ -3,6 +3,7 @@
 from typing import Literal
 
 from fvs_engine.records import Record
+from fvs_schema.findings import Finding
 
 Verdict = Literal["accepted", "doubtful", "rejected"]
 
@@ -71,7 +72,7 @@ class CandidateReport(Record):
     mean_reprojection_error_px: float
     evidence: Evidence | None
     verdict: Verdict
-    reasons: tuple[str, ...]
+    reasons: tuple[Finding, ...]
 
 
 class ComponentReport(Record):
@@ -107,6 +108,6 @@ class SfmReport(Record):
     candidates: tuple[CandidateReport, ...]
     agreements: tuple[Agreement, ...]
     other_components: tuple[ComponentReport, ...]
-    warnings: tuple[str, ...]
+    warnings: tuple[Finding, ...]
     seconds: dict[str, float]
     """Wall-clock time of the stages that ran in this call, s."""

@@ -27,6 +27,7 @@ from fvs_engine.sfm.jobs import Answer, Request
 from fvs_engine.sfm.native_process import run_native
 from fvs_engine.sfm.quarantine import CulpritError, Quarantine
 from fvs_engine.sfm.settings import SfmSettings
+from fvs_schema.findings import Finding
 
 _MAPPING = "mapping"
 _NOT_MAPPING = ("gate", "incremental_first_up_to")
@@ -115,7 +116,7 @@ class Stages:
         self.settings = settings
         self.monitor = monitor
         self.seconds: dict[str, float] = {}
-        self.warnings: list[str] = []
+        self.warnings: list[Finding] = []
         self.pairs_matched = 0
 
     def open(self, image_names: Sequence[str], min_images: int, *, growing: bool = False) -> list[str]:
@@ -217,7 +218,7 @@ class Stages:
         accused = run_or_accuse(run, items, controls)
         if accused is not None:
             culprit, error = accused
-            raise CulpritError.of(str(culprit[0] if isinstance(culprit, tuple) else culprit), error)
+            raise CulpritError(str(culprit[0] if isinstance(culprit, tuple) else culprit), error)
         return results[-1]
 
     def write_model(self, model: pycolmap.Reconstruction) -> None:

@@ -1,31 +1,41 @@
-"""Warnings of structure from motion that stop being true: how they begin, and which are still true.
+"""Warnings of structure from motion that stop being true.
 
-Warnings are sentences for the user, also on disk and in reports. Those about a model's cameras end when it is
-replaced, those about an image without a pose when the image is registered.
+Those about a model's cameras end when it is replaced, those about an image without a pose when the image is
+registered.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
-_DOUBTFUL = "DOUBTFUL CAMERAS:"
-_UNREGISTERED = " is not registered: "
+from fvs_schema.findings import Finding, FindingCode, Severity
+
+_WITHOUT_POSE = {
+    FindingCode.POSE_UNSUPPORTED,
+    FindingCode.POSE_AT_WRONG_DISTANCE,
+    FindingCode.POSE_FAR_FROM_PRIOR,
+    FindingCode.POSE_UNCERTAIN,
+    FindingCode.POSE_UNDETERMINED,
+    FindingCode.LOOK_ALIKE_PLACE,
+    FindingCode.UNMATCHED,
+    FindingCode.FEW_POINTS,
+    FindingCode.UNREGISTERED,
+    FindingCode.SEPARATE_MODEL,
+    FindingCode.POSES_LOST,
+    FindingCode.LEFT_OUT,
+}
 
 
-def doubtful(reasons: str) -> str:
-    """The warning that a model is used although it may be wrong; ``reasons`` are sentences."""
-    return f"{_DOUBTFUL} {reasons}"
+def without_doubts(findings: Iterable[Finding]) -> tuple[Finding, ...]:
+    """The ``findings`` that are still true when the model has been replaced."""
+    return tuple(finding for finding in findings if finding.severity is not Severity.DOUBT)
 
 
-def not_registered(name: str, reason: str) -> str:
-    """The warning that an image was matched and has no pose, and the remedy."""
-    return f"{name}{_UNREGISTERED}{reason}. Photographs from between it and the others would help."
-
-
-def without_doubts(warnings: Iterable[str]) -> tuple[str, ...]:
-    """The ``warnings`` that are still true when the model has been replaced."""
-    return tuple(warning for warning in warnings if _DOUBTFUL not in warning)
-
-
-def without_registered(warnings: Iterable[str], registered: Iterable[str]) -> tuple[str, ...]:
-    """The ``warnings`` that are still true when these images are ``registered``."""
-    ended = tuple(f"{name}{_UNREGISTERED}" for name in registered)
-    return tuple(warning for warning in warnings if not warning.startswith(ended))
+def without_registered(findings: Iterable[Finding], registered: Collection[str]) -> tuple[Finding, ...]:
+    """The ``findings`` that are still true when these images are ``registered``, each only once."""
+    true: list[Finding] = []
+    for finding in findings:
+        if finding.code in _WITHOUT_POSE:
+            left = tuple(name for name in finding.images if name not in registered)
+            finding = finding.model_copy(update={"images": left})
+        if finding not in true and (finding.images or finding.code not in _WITHOUT_POSE):
+            true.append(finding)
+    return tuple(true)

@@ -23,6 +23,8 @@ from fvs_engine.records import Record
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.select.loop_folder import fingerprint
 from fvs_engine.splat.raster import Rasterizer
+from fvs_engine.wording import sentence, text
+from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.stages import Stage
 
 
@@ -94,7 +96,6 @@ def run_experiment(
     calibrated: bool = False,
     threads: int | None = None,
     monitor: Monitor,
-    warn: Callable[[str], None],
 ) -> Summary:
     """Run every method with every seed and write the report; finished runs are only read.
 
@@ -113,7 +114,7 @@ def run_experiment(
     lpips = find_lpips()
     setup = Setup(dataset, protocol, rasterizer, lpips.compute, threads)
     notes = [f"LPIPS is left out: {lpips.reason}."] if lpips.compute is None else []
-    notes += dataset.warnings
+    notes += map(text, dataset.warnings)
     guide = BASELINES[0] if BASELINES[0] in methods else methods[0]
     plans = [
         RunPlan(
@@ -137,8 +138,11 @@ def run_experiment(
                 raise
             except EngineError as error:
                 errors.append(error)
-                notes.append(f"{plan.method}, seed {plan.seed}, failed: {error}")
-                warn(notes[-1])
+                failed = Finding.of(
+                    FindingCode.RUN_FAILED, method=plan.method, seed=plan.seed, error=str(error)
+                )
+                notes.append(sentence(failed))
+                monitor.warn(failed)
             else:
                 _write(paths, summarise(dataset.name, protocol, paths.finished(), notes))
         progress.ended(plan)

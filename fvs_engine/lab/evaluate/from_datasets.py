@@ -1,6 +1,6 @@
 """Comparison of selectors on a dataset, in an output folder; see ``fvs_engine.lab.evaluate.experiment``."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 
 from fvs_engine.images.catalog import require_usable
@@ -25,7 +25,6 @@ def evaluate_selectors(
     backend: str = "auto",
     threads: int | None = None,
     monitor: Monitor | None = None,
-    warn: Callable[[str], None] = lambda _sentence: None,
 ) -> Summary:
     """Run ``methods`` × ``seeds`` on the dataset in ``folder``; results go to the folder ``out``.
 
@@ -33,7 +32,7 @@ def evaluate_selectors(
     there. Raises what ``open_dataset`` and ``run_experiment`` raise.
     """
     monitor = monitor or Monitor()
-    dataset = open_outside(out, folder, colmap, transforms, warn)
+    dataset = open_outside(out, folder, colmap, transforms, monitor)
     if not (out / "experiment.json").exists():  # a truncated image would end runs half-way
         require_usable(dataset.image_dir, dataset.names, monitor=monitor)
     rasterizer = create_rasterizer(backend, monitor)
@@ -48,5 +47,4 @@ def evaluate_selectors(
             calibrated=calibrated,
             threads=threads,
             monitor=monitor,
-            warn=warn,
         )

@@ -27,6 +27,7 @@ from fvs_engine.sfm.verification.evidence import ModelEvidence
 from fvs_engine.sfm.verification.gate import JudgedModel
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 from fvs_engine.sfm.verification.positions import usable_priors
+from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.stages import Stage
 
 _MAPPERS: Mapping[MapperName, tuple[type[MapImages], Stage]] = {
@@ -114,9 +115,7 @@ def calibrate_view_graph(stages: Stages) -> None:
             ),
         )
         if not calibrated:
-            stages.warnings.append(
-                "The view graph could not be calibrated; focal lengths start from a guess."
-            )
+            stages.warnings.append(Finding.of(FindingCode.UNCALIBRATED))
         publish(partial, folder.calibrated)
     stages.monitor.report(Stage.CALIBRATION, 1, 1)
 

@@ -22,7 +22,7 @@ from fvs_engine.sfm.colmap.model import from_pycolmap, read_colmap
 from fvs_engine.sfm.matching.features import extract_features
 from fvs_engine.sfm.matching.match import match_features
 from fvs_engine.sfm.pose_priors import ImageSet, PosePriors
-from fvs_engine.sfm.quarantine import CulpritError, warning
+from fvs_engine.sfm.quarantine import CulpritError
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, ComponentReport, SfmReport
 from fvs_engine.sfm.settings import MapperName, SfmSettings
@@ -31,6 +31,8 @@ from fvs_engine.sfm.verification.checks import Case
 from fvs_engine.sfm.verification.evidence import ModelEvidence
 from fvs_engine.sfm.verification.gate import Decision, decide
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
+from fvs_engine.wording import sentence
+from fvs_schema.findings import Finding, FindingCode
 
 _MIN_IMAGES = 2
 _NEAR_CERTAIN = 0.95
@@ -162,7 +164,7 @@ def _report(
         ComponentReport(mapper=kept.mapper, images=images) for images in chosen.other_components
     )
     quarantined = stages.folder.quarantine.reasons
-    warnings = [*stages.warnings, *decision.warnings, *(warning(*each) for each in quarantined.items())]
+    warnings = [*stages.warnings, *decision.warnings, *quarantined.values()]
     warnings += model_warnings(names, chosen)
     return SfmReport(
         mapper=kept.mapper,
@@ -182,38 +184,18 @@ def _report(
     )
 
 
-def model_warnings(names: Sequence[str], chosen: MappedModel) -> list[str]:
+def model_warnings(names: Sequence[str], chosen: MappedModel) -> list[Finding]:
     """Warnings about a model of the images ``names``: those without a pose, or with a weak one."""
-    warnings = []
     explained = {*chosen.left_out, *chosen.with_few_points}.union(*chosen.other_components)
-    if unregistered := [name for name in _unregistered(names, chosen) if name not in explained]:
-        warnings.append(
-            f"{_counted(unregistered, names)} could not be registered: {listed(unregistered)}. Photograph "
-            "what connects them with the others, or leave out what shows another place."
-        )
-    warnings += [
-        f"{_counted(images, names)} form a model of their own: {listed(images)}. No matches connect it with "
-        "this one. Photograph what lies between the two, or give each a scene."
-        for images in chosen.other_components
-    ]
-    if chosen.left_out:
-        warnings.append(
-            f"Left out {_counted(chosen.left_out, names)}: {listed(chosen.left_out)}. Matches or priors "
-            "contradict their poses."
-        )
-    if chosen.with_few_points:
-        warnings.append(
-            f"Left out {_counted(chosen.with_few_points, names)}: {listed(chosen.with_few_points)}. They "
-            "show hardly any point of the model. Photograph what connects them with the others."
-        )
     evidence = chosen.judged.evidence
-    if weak := [] if evidence is None else list(evidence.unsupported_images):
-        warnings.append(f"The poses of {listed(weak)} are weakly supported.")
-    return warnings
-
-
-def _counted(some: Sequence[str], names: Sequence[str]) -> str:
-    return f"{len(some)} of {len(names)} images"
+    found = (
+        (FindingCode.UNREGISTERED, [name for name in _unregistered(names, chosen) if name not in explained]),
+        *((FindingCode.SEPARATE_MODEL, images) for images in chosen.other_components),
+        (FindingCode.LEFT_OUT, chosen.left_out),
+        (FindingCode.FEW_POINTS, chosen.with_few_points),
+        (FindingCode.WEAK_POSES, () if evidence is None else evidence.unsupported_images),
+    )
+    return [Finding.of(code, images, of=len(names)) for code, images in found if images]
 
 
 def _unregistered(names: Sequence[str], mapped: MappedModel) -> tuple[str, ...]:
@@ -235,7 +217,9 @@ def _failure(
             f"{verified} pairs of images match, but they support no model ({shown}).",
             hint="Add photographs from in between, taken from different places rather than by turning.",
         )
-    reasons = "; ".join(f"{candidate.mapper}: {' '.join(candidate.reasons)}" for candidate in candidates)
+    reasons = "; ".join(
+        f"{candidate.mapper}: {' '.join(map(sentence, candidate.reasons))}" for candidate in candidates
+    )
     message = f"Every model contradicts the images' matches or positions. {reasons}"
     if any(
         Case(candidate.evidence, candidate.registered, stages.settings.gate).contradicts_priors

@@ -9,7 +9,7 @@ import pycolmap
 
 from fvs_engine.errors import InvalidInputError, ReconstructionError
 from fvs_engine.files.atomic import write_text_atomically
-from fvs_engine.images.names import listed, match_files
+from fvs_engine.images.names import match_files
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import read_model_evidence
 from fvs_engine.sfm.batch.reconstruct import SfmResult, finished_result
@@ -19,14 +19,14 @@ from fvs_engine.sfm.colmap.model import from_pycolmap, open_colmap, to_pycolmap
 from fvs_engine.sfm.jobs import TriangulatePoints
 from fvs_engine.sfm.matching.features import extract_features
 from fvs_engine.sfm.matching.match import match_features
-from fvs_engine.sfm.quarantine import CulpritError, warning
+from fvs_engine.sfm.quarantine import CulpritError
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, SfmReport
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages, fresh_folder, rename_over
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
-from fvs_engine.sfm.warnings import doubtful
 from fvs_engine.views import AnyView
+from fvs_schema.findings import Finding, FindingCode, Severity
 from fvs_schema.stages import Stage
 
 _MIN_VIEWS = 2
@@ -141,16 +141,17 @@ def _report(
 ) -> SfmReport:
     evidence = read_model_evidence(stages).of(model, stages.monitor)
     doubt = evidence is None or evidence.match_support < stages.settings.gate.min_match_support
+    severity = Severity.DOUBT if doubt else Severity.NOTE
     reason = (
-        "No pair of images matches."
+        Finding.of(FindingCode.NO_PAIRS, severity=severity)
         if evidence is None
-        else f"{evidence.match_support:.1%} of the verified matches fit the given cameras."
+        else Finding.of(FindingCode.MATCH_SUPPORT, severity=severity, support=evidence.match_support)
     )
-    warnings = [*stages.warnings, *(warning(*each) for each in stages.folder.quarantine.reasons.items())]
+    warnings = [*stages.warnings, *stages.folder.quarantine.reasons.values()]
     if doubt:
-        warnings.append(doubtful(reason))
+        warnings.append(reason)
     if missing:
-        warnings.append(f"{len(missing)} of the given cameras have no image here: {listed(missing)}.")
+        warnings.append(Finding.of(FindingCode.NO_IMAGE_OF_CAMERA, missing))
     registered = {view.name for view in reconstruction.views}
     error_px = model.compute_mean_reprojection_error()
     candidate = CandidateReport(

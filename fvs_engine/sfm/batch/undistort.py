@@ -51,7 +51,7 @@ def undistort(reconstruction_dir: Path, image_dir: Path, out_dir: Path, monitor:
 
     accused = run_or_accuse(run, names)
     if accused is not None:
-        raise CulpritError.of(*accused)
+        raise CulpritError(*accused)
     rename_over(partial, out_dir)
     log.unlink(missing_ok=True)
     monitor.report(Stage.UNDISTORT, total, total)

@@ -9,22 +9,12 @@ from fvs_engine.sfm.jobs import VetoPairs
 from fvs_engine.sfm.matching.match import match_pairs
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import Stages
-from fvs_engine.sfm.verification.gate import PRIORS_IGNORED
-
-_ORIENTATIONS_IGNORED = (
-    "The orientation priors contradict the position priors and are not used. Check from where the angles "
-    "count, and which way round."
-)
-
-_CONTRADICTED = (
-    "its position prior contradicts all verified pairs that join it with the model, so that it shows a "
-    "look-alike place, or the position is wrong"
-)
+from fvs_schema.findings import Finding, FindingCode
 
 
 @dataclass(frozen=True)
 class Veto:
-    """``priors`` to use, none when the images contradict them; ``ignored``: warnings of unused ones.
+    """``priors`` to use, none when the images contradict them; ``ignored``: findings about unused ones.
 
     ``informative``: whether their positions can judge poses: few, or inaccurate ones for so small a scene,
     cannot. ``without_pairs``: images that no verified pairs join with the model any more → the
@@ -33,8 +23,8 @@ class Veto:
 
     priors: PosePriors
     informative: bool
-    ignored: tuple[str, ...] = ()
-    without_pairs: dict[str, str] = field(default_factory=dict)
+    ignored: tuple[Finding, ...] = ()
+    without_pairs: dict[str, Finding] = field(default_factory=dict)
 
 
 def veto(stages: Stages, model_dir: Path, names: Sequence[str], priors: PosePriors) -> Veto:
@@ -54,10 +44,10 @@ def veto(stages: Stages, model_dir: Path, names: Sequence[str], priors: PosePrio
         match_pairs(stages, restore_pairs(stages.folder.database))
         support = answer.contradicted_support
         if support is not None and support < stages.settings.gate.min_prior_support:
-            return Veto(PosePriors(), informative=False, ignored=(PRIORS_IGNORED,))
+            return Veto(PosePriors(), informative=False, ignored=(Finding.of(FindingCode.POSITIONS_IGNORED),))
     return Veto(
         priors,
         answer.informative,
-        () if answer.oriented else (_ORIENTATIONS_IGNORED,),
-        dict.fromkeys(answer.without, _CONTRADICTED),
+        () if answer.oriented else (Finding.of(FindingCode.ORIENTATIONS_IGNORED),),
+        {name: Finding.of(FindingCode.LOOK_ALIKE_PLACE, [name]) for name in answer.without},
     )

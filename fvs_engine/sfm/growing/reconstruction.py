@@ -29,13 +29,13 @@ from fvs_engine.sfm.growing.two_view_points import TwoViewPoints, find_two_view_
 from fvs_engine.sfm.growing.update import PoseUpdate
 from fvs_engine.sfm.matching.features import add_features
 from fvs_engine.sfm.pose_priors import ImageSet, PosePriors
-from fvs_engine.sfm.quarantine import CulpritError, warning
+from fvs_engine.sfm.quarantine import CulpritError
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages, fresh_folder
-from fvs_engine.sfm.verification.gate import PRIORS_IGNORED
 from fvs_engine.sfm.warnings import without_doubts, without_registered
 from fvs_engine.views import AnyView
+from fvs_schema.findings import Finding, FindingCode
 
 _MIN_BOOTSTRAP = 2
 
@@ -124,8 +124,8 @@ class GrowingReconstruction:
         return self._state.unregistered
 
     @property
-    def why_unregistered(self) -> Mapping[str, str]:
-        """Unregistered images → the reason, a sentence, by the last try."""
+    def why_unregistered(self) -> Mapping[str, Finding]:
+        """Unregistered images → the reason, by the last try."""
         return why_unregistered(self._state, self._folder.sfm.database)
 
     @property
@@ -134,7 +134,7 @@ class GrowingReconstruction:
         return tuple(self._state.images)
 
     @property
-    def quarantined(self) -> Mapping[str, str]:
+    def quarantined(self) -> Mapping[str, Finding]:
         """Images that crash pycolmap, which no job gets → the reasons."""
         return self._folder.sfm.quarantine.reasons
 
@@ -192,10 +192,10 @@ class GrowingReconstruction:
                 except CulpritError as culprit:
                     self._folder.sfm.quarantine.add(culprit)
                     self._remove({culprit.name})
-        crashed = (warning(*each) for each in self.quarantined.items() if each[0] not in quarantined)
-        warnings = without_registered(dict.fromkeys((*self._state.unreported, *crashed)), self.registered)
+        crashed = (reason for name, reason in self.quarantined.items() if name not in quarantined)
+        warnings = without_registered((*self._state.unreported, *crashed), set(self.registered))
         current = self.reconstruction
-        if PRIORS_IGNORED not in self._state.priors_ignored:
+        if not self._state.ignores_positions:
             warnings += doubts_by_priors(priors, self._folder.sfm.database, current.centres())
         added = tuple(self._state.images)
         update = PoseUpdate.between(before, current.views, current.points, added, self.generation)
@@ -270,7 +270,11 @@ class GrowingReconstruction:
                 "mapped_images": len(names),
                 "mapped_support": chosen.evidence.match_support if chosen.evidence is not None else 0.0,
                 "unreported": (*self._state.unreported, *result.report.warnings),
-                "priors_ignored": tuple({PRIORS_IGNORED}.intersection(result.report.warnings)),
+                "priors_ignored": tuple(
+                    warning
+                    for warning in result.report.warnings
+                    if warning.code is FindingCode.POSITIONS_IGNORED
+                ),
             }
         )
         registered = [name for name in names if name in posed]
@@ -351,7 +355,7 @@ class GrowingReconstruction:
         features = feature_counts(database)
         blank = [name for name in self._state.pending if features.get(name, 0) == 0]
         if blank:
-            stages.warnings.append(f"No features could be found in {', '.join(blank)}.")
+            stages.warnings.append(Finding.of(FindingCode.NO_FEATURES, blank))
         return [name for name in names if features.get(name, 0) > 0]
 
     def _stages(self, folder: SfmFolder, monitor: Monitor) -> Stages:

@@ -8,8 +8,7 @@ from fvs_engine.sfm.growing.state import GrowthState, ModelChange
 from fvs_engine.sfm.jobs import RegisterGuided, RegisterImages
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.stages import Stages, fresh_folder
-from fvs_engine.sfm.verification.checks import few_matches, two_places, unknown_distance
-from fvs_engine.sfm.warnings import doubtful, not_registered
+from fvs_schema.findings import Finding, FindingCode, Severity
 from fvs_schema.stages import Stage
 
 
@@ -84,22 +83,21 @@ def register(
         return ModelChange(state, tried=tried)
     posed = set(done.posed)
     lost = [name for name in state.registered if name not in posed]
-    warnings = [
-        not_registered(name, reason) for name, reason in done.rejected.items() if name not in state.rejected
-    ]
+    warnings = [finding for name, finding in done.rejected.items() if name not in state.rejected]
     if lost:
-        warnings.append(f"Global bundle adjustment left {', '.join(lost)} without a pose.")
-    loose = [name for name in done.loose if name in without]
-    if loose:
-        warnings.append(doubtful(few_matches(loose)))
-    if unscaled := [name for name in done.unscaled if name in without]:
-        warnings.append(doubtful(unknown_distance(unscaled)))
+        warnings.append(Finding.of(FindingCode.POSES_LOST, lost))
     confirmed = priors.by_name if images.informative else ()
-    if conflicting := [pair for pair in done.conflicting if not all(name in confirmed for name in pair)]:
-        warnings.append(doubtful(two_places(conflicting)))
+    pairs = [pair for pair in done.conflicting if not all(name in confirmed for name in pair)]
+    for code, doubted in (
+        (FindingCode.LOOSELY_LINKED, [name for name in done.loose if name in without]),
+        (FindingCode.UNKNOWN_DISTANCE, [name for name in done.unscaled if name in without]),
+        (FindingCode.CONFLICTING_VIEWS, [name for pair in pairs for name in pair]),
+    ):
+        if doubted:
+            warnings.append(Finding.of(code, doubted, Severity.DOUBT))
     support = done.match_support
     if support is not None and support < settings.gate.min_match_support:
-        warnings.append(doubtful(f"{support:.1%} of the verified matches fit them."))
+        warnings.append(Finding.of(FindingCode.MATCH_SUPPORT, severity=Severity.DOUBT, support=support))
     kept = [name for name in state.registered if name in posed]
     state = state.model_copy(update={"rejected": state.rejected | done.rejected})
     return ModelChange(

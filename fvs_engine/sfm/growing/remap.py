@@ -16,7 +16,7 @@ from fvs_engine.sfm.settings import GateSettings, SfmSettings
 from fvs_engine.sfm.stages import Stages, fresh_folder
 from fvs_engine.sfm.verification.evidence import ModelEvidence
 from fvs_engine.sfm.verification.gate import JudgedModel, Judgement, agree, decide
-from fvs_engine.sfm.warnings import doubtful
+from fvs_schema.findings import Finding, FindingCode, Severity
 
 _CURRENT = "current"
 """Used instead of a mapper's name for the grown model."""
@@ -27,7 +27,7 @@ _MIN_GAIN = 1.02
 
 def reason_to_remap(
     state: GrowthState, match_support: float | None, unregistered: int, settings: SfmSettings
-) -> str | None:
+) -> Finding | None:
     """Why a re-map is due, None if it is not.
 
     ``unregistered`` counts the images that match registered ones and have no pose. A re-map costs as much as
@@ -38,9 +38,10 @@ def reason_to_remap(
     if len(state.images) < (1.0 + growth.remap_every) * state.mapped_images:
         return None
     if match_support is not None and match_support < state.mapped_support - growth.max_support_loss:
-        return f"Match support fell from {state.mapped_support:.1%} to {match_support:.1%}."
+        before = state.mapped_support
+        return Finding.of(FindingCode.SUPPORT_FELL, severity=Severity.NOTE, before=before, now=match_support)
     if unregistered > 0 and unregistered >= growth.max_unregistered * len(state.registered):
-        return f"{unregistered} images that match registered ones are unregistered."
+        return Finding.of(FindingCode.MANY_UNREGISTERED, severity=Severity.NOTE, unregistered=unregistered)
     return None
 
 
@@ -61,9 +62,9 @@ def remap(
         chosen = chosen if better else 0
     state = _mapped(state, models[chosen])
     if chosen == 0:
-        reasons = " ".join(decision.judgements[0].reasons)
         doubt = decision.judgements[0].verdict != "accepted"
-        warnings = (f"The re-map found no better model. {doubtful(reasons)}",) if doubt else ()
+        reasons = _with_severity(Severity.DOUBT, decision.judgements[:1])
+        warnings = (Finding.of(FindingCode.NO_BETTER_MODEL), *reasons) if doubt else ()
         return ModelChange(state, match_support=_match_support(models[0]), warnings=warnings)
     return _replace(state, current, models[chosen], decision.warnings, out_dir)
 
@@ -82,7 +83,7 @@ def start_again(
     decision = decide([each.judged for each in models], gate)
     current = open_colmap(model_dir)
     if decision.chosen is None:
-        return ModelChange(state, warnings=(_kept("was rejected", decision.judgements),))
+        return ModelChange(state, warnings=_kept(FindingCode.NEW_MODEL_REJECTED, decision.judgements))
     chosen = models[decision.chosen]
     if _explained(chosen) < evidence.matches_explained(current, set(registered_names(current))):
         return ModelChange(state)
@@ -91,14 +92,23 @@ def start_again(
         before = _as_mapped(stages, current, evidence)
         (judgement,) = decide([before.judged], gate).judgements
         if judgement.verdict == "accepted" and not _is_better(chosen, before, evidence, gate):
-            return ModelChange(state, warnings=(_kept("is doubtful and no better", (doubtful,)),))
+            return ModelChange(state, warnings=_kept(FindingCode.NEW_MODEL_DOUBTFUL, (doubtful,)))
     return _replace(_mapped(state, chosen), current, chosen, decision.warnings, out_dir)
 
 
-def _kept(why: str, judgements: Sequence[Judgement]) -> str:
-    """The warning that a model of all images did not replace the current one."""
-    reasons = dict.fromkeys(reason for judgement in judgements for reason in judgement.reasons)
-    return f"A model of all images together {why}, so the current one stays: {' '.join(reasons)}"
+def _kept(code: FindingCode, judgements: Sequence[Judgement]) -> tuple[Finding, ...]:
+    """The warning that a model of all images did not replace the current one, and the reasons."""
+    return (Finding.of(code), *_with_severity(Severity.REJECTION, judgements))
+
+
+def _with_severity(severity: Severity, judgements: Sequence[Judgement]) -> tuple[Finding, ...]:
+    """The reasons of ``judgements`` with this severity, each once."""
+    reasons: list[Finding] = []
+    for reason in (reason for judgement in judgements for reason in judgement.reasons):
+        found = reason.model_copy(update={"severity": severity})
+        if found not in reasons:
+            reasons.append(found)
+    return tuple(reasons)
 
 
 def _map_all(
@@ -121,7 +131,7 @@ def _replace(
     state: GrowthState,
     current: pycolmap.Reconstruction,
     chosen: MappedModel,
-    warnings: Sequence[str],
+    warnings: Sequence[Finding],
     out_dir: Path,
 ) -> ModelChange:
     """Align the ``chosen`` model with the current one and write it."""
@@ -129,7 +139,7 @@ def _replace(
     try:
         alignment = align_poses(camera_poses(model), camera_poses(current))
     except InvalidInputError:
-        warning = "A model of all images shares too few cameras with the current one to be aligned with it."
+        warning = Finding.of(FindingCode.NEW_MODEL_UNALIGNED)
         return ModelChange(state, match_support=support, warnings=(warning,))
     move(model, alignment)
     model.write_binary(fresh_folder(out_dir))

@@ -9,7 +9,7 @@ commit: after a kill before it the former model is the current one, whatever els
 import hashlib
 import json
 import shutil
-from collections.abc import Collection, Iterable, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any, Literal
@@ -23,7 +23,7 @@ from fvs_engine.files.record import read_record, write_record
 from fvs_engine.records import Record
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder
-from fvs_engine.sfm.verification.gate import PRIORS_IGNORED
+from fvs_schema.findings import Finding, FindingCode
 
 
 class GrowthState(Record):
@@ -42,7 +42,7 @@ class GrowthState(Record):
     registered: tuple[str, ...] = ()
     """In the order of registration."""
 
-    rejected: dict[str, str] = Field(default={})
+    rejected: dict[str, Finding] = Field(default={})
     """Unregistered images whose estimated pose is uncertain, or contradicted by matches or prior → why."""
 
     tried: dict[str, str] = Field(default={})
@@ -51,10 +51,10 @@ class GrowthState(Record):
     tried_guided: dict[str, str] = Field(default={})
     """The same for matches that their pose priors guide; the image tried last is the last."""
 
-    priors_ignored: tuple[str, ...] = ()
+    priors_ignored: tuple[Finding, ...] = ()
     """The last update's warnings about unused pose priors; they are repeated only when they change."""
 
-    unreported: tuple[str, ...] = ()
+    unreported: tuple[Finding, ...] = ()
     """Warnings that the caller has not acknowledged: it may have been killed before it got them."""
 
     generation: int = 0
@@ -110,13 +110,22 @@ class GrowthState(Record):
             }
         )
 
-    def _about_others(self, names: Collection[str]) -> dict[str, dict[str, str]]:
+    def _about_others(self, names: Collection[str]) -> dict[str, dict[str, Any]]:
         """What is kept of unregistered images other than ``names``."""
-        kept = {"rejected": self.rejected, "tried": self.tried, "tried_guided": self.tried_guided}
-        return {
-            field: {name: text for name, text in texts.items() if name not in names}
-            for field, texts in kept.items()
+        fields: dict[str, Mapping[str, Any]] = {
+            "rejected": self.rejected,
+            "tried": self.tried,
+            "tried_guided": self.tried_guided,
         }
+        return {
+            field: {name: value for name, value in values.items() if name not in names}
+            for field, values in fields.items()
+        }
+
+    @property
+    def ignores_positions(self) -> bool:
+        """Whether the images contradicted the position priors of the last update."""
+        return any(finding.code is FindingCode.POSITIONS_IGNORED for finding in self.priors_ignored)
 
 
 class GrowthFolder:
@@ -183,7 +192,7 @@ class GrowthFolder:
     def ignores_positions(self) -> bool:
         """Whether the images contradicted the position priors of the last update. Raises ``StorageError``."""
         state = self._read()
-        return state is not None and PRIORS_IGNORED in state.priors_ignored
+        return state is not None and state.ignores_positions
 
     def save(self, state: GrowthState) -> None:
         """Commit a state with the current model."""
@@ -228,7 +237,7 @@ class ModelChange:
     changed: bool = False
     mapper: str | None = None
     match_support: float | None = None
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Finding, ...] = ()
     tried: tuple[str, ...] = ()
 
     def with_state(self, **update: Any) -> "ModelChange":

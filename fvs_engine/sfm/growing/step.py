@@ -1,10 +1,9 @@
 """One step of a growing reconstruction: matching, registration and, when due, a re-map of all images."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
-from fvs_engine.images.names import listed, mentions
 from fvs_engine.sfm.colmap.database import image_cameras, verified_matches
 from fvs_engine.sfm.colmap.guided_pairs import take_back_guided_pairs
 from fvs_engine.sfm.growing.guided import guide
@@ -21,7 +20,8 @@ from fvs_engine.sfm.settings import GrowthSettings
 from fvs_engine.sfm.stages import Stages
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
 from fvs_engine.sfm.verification.positions import usable_priors
-from fvs_engine.sfm.warnings import not_registered, without_doubts, without_registered
+from fvs_engine.sfm.warnings import without_doubts, without_registered
+from fvs_schema.findings import Finding, FindingCode, Severity
 
 _MANY_NEW, _MANY_NEW_SHARE = 5, 0.5
 """Number of new images, and ratio of new to registered ones, from which all images are mapped together."""
@@ -37,7 +37,7 @@ class Step:
 
     state: GrowthState
     changed: bool
-    warnings: tuple[str, ...]
+    warnings: tuple[Finding, ...]
     from_all: bool = False
     replaced: bool = False
 
@@ -67,10 +67,11 @@ def step(
     change = guide(stages, folder, change, usable, decided.priors)
     change = _remap_if_due(stages, folder, change, decided.priors)
     ignored = (*frozen, *decided.ignored)
-    news = [sentence for sentence in ignored if sentence not in state.priors_ignored]
+    news = [finding for finding in ignored if finding not in state.priors_ignored]
     warnings = [*stages.warnings, *news, *change.warnings]
-    unnamed = [name for name in state.pending if not any(mentions(line, name) for line in warnings)]
-    warnings += _unregistered([name for name in unnamed if name in with_features], matched, change.state)
+    named = {name for finding in warnings for name in finding.images}
+    unnamed = [name for name in state.pending if name in with_features and name not in named]
+    warnings += _unregistered(unnamed, matched, change.state)
     state = change.state.model_copy(update={"pending": (), "priors_ignored": ignored})
     return Step(
         state,
@@ -101,11 +102,7 @@ def _register_due(
     )
     left = set(change.state.unregistered)
     tried = {name: inputs.of(name) for name in change.tried if name in left}
-    without_pairs = (
-        not_registered(name, reason)
-        for name, reason in decided.without_pairs.items()
-        if name not in state.rejected
-    )
+    without_pairs = (finding for name, finding in decided.without_pairs.items() if name not in state.rejected)
     change = replace(change, warnings=(*without_pairs, *change.warnings))
     return change.with_state(tried=change.state.tried | tried)
 
@@ -121,10 +118,10 @@ def _remap_if_due(
     grown = folder.next_model if change.changed else folder.model(change.state.generation)
     remapped = remap(stages, change.state, priors, grown, folder.next_model)
     if remapped.mapper is None:
-        warnings = (*change.warnings, *(f"{reason} {warning}" for warning in remapped.warnings))
+        warnings = (*change.warnings, *((reason, *remapped.warnings) if remapped.warnings else ()))
     else:
-        why = f"{reason} A re-map by {remapped.mapper} mapping replaced the current model."
-        warnings = (*without_doubts(change.warnings), why, *remapped.warnings)
+        done = Finding.of(FindingCode.REMAPPED, severity=Severity.NOTE, mapper=remapped.mapper)
+        warnings = (*without_doubts(change.warnings), reason, done, *remapped.warnings)
     return replace(remapped, changed=change.changed or remapped.changed, warnings=warnings)
 
 
@@ -136,9 +133,9 @@ def _adjusts_all(state: GrowthState, new: int, settings: GrowthSettings) -> bool
     return len(state.registered) + new >= (1.0 + settings.adjust_every) * state.adjusted_images
 
 
-def _from_all(stages: Stages, before: GrowthState, change: ModelChange, ignored: tuple[str, ...]) -> Step:
+def _from_all(stages: Stages, before: GrowthState, change: ModelChange, ignored: tuple[Finding, ...]) -> Step:
     """The step to a model that was made of all images together."""
-    news = (sentence for sentence in ignored if sentence not in before.priors_ignored)
+    news = (finding for finding in ignored if finding not in before.priors_ignored)
     update = {"pending": (), "priors_ignored": ignored, "bootstrap_images": len(change.state.images)}
     return Step(
         change.state.model_copy(update=update),
@@ -149,14 +146,13 @@ def _from_all(stages: Stages, before: GrowthState, change: ModelChange, ignored:
     )
 
 
-def _unregistered(new: Sequence[str], matched: Sequence[str], state: GrowthState) -> Iterator[str]:
-    """Why those of the ``new`` images without a pose have none, and the remedy."""
+def _unregistered(new: Sequence[str], matched: Sequence[str], state: GrowthState) -> list[Finding]:
+    """Why those of the ``new`` images without a pose have none."""
     left = [name for name in new if name in set(state.unregistered)]
-    remedy = "Photograph what lies between them and the others."
-    if unmatched := [name for name in left if name not in matched]:
-        yield f"Unregistered, as they match no other image: {listed(unmatched)}. {remedy}"
-    if few := [name for name in left if name in matched]:
-        yield f"Unregistered, as too few of their matches are of points in the model: {listed(few)}. {remedy}"
+    unmatched = tuple(name for name in left if name not in matched)
+    few = tuple(name for name in left if name in matched)
+    found = ((FindingCode.UNMATCHED, unmatched), (FindingCode.FEW_POINTS, few))
+    return [Finding.of(code, images) for code, images in found if images]
 
 
 def _match(

@@ -8,6 +8,7 @@ import numpy as np
 from fvs_engine.sfm.growing.two_view_points import TwoViewPoints
 from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.views import AnyView
+from fvs_schema.findings import Finding
 
 
 @dataclass(frozen=True, eq=False)
@@ -35,7 +36,7 @@ class PoseUpdate:
     moved: frozenset[str]
     """Images whose pose or camera changed."""
 
-    warnings: tuple[str, ...] = ()
+    warnings: tuple[Finding, ...] = ()
     seconds: Mapping[str, float] = field(default_factory=dict)
     two_view_points: TwoViewPoints | None = None
 

@@ -15,6 +15,7 @@ from fvs_engine.sfm.colmap.database import count_rows, feature_counts, image_cam
 from fvs_engine.sfm.jobs import ExtractFeatures, ImportImages
 from fvs_engine.sfm.settings import FeatureSettings, FocalPrior, SfmSettings
 from fvs_engine.sfm.stages import Stages
+from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.stages import Stage
 
 _SAME_FOCAL = 1.02
@@ -196,6 +197,6 @@ def _require_texture(stages: Stages, names: Sequence[str]) -> None:
             hint="Photograph something with structure, in focus and in light; a bare wall has no features.",
         )
     if unreadable:
-        stages.warnings.append(f"No features could be read from {', '.join(unreadable)}.")
+        stages.warnings.append(Finding.of(FindingCode.NO_FEATURES, unreadable))
     if poor:
-        stages.warnings.append(f"Almost no texture in {', '.join(poor)}.")
+        stages.warnings.append(Finding.of(FindingCode.FEW_FEATURES, poor))

@@ -16,6 +16,7 @@ from fvs_engine.sfm.verification.links import Links
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES, PairCheck, check_pairs, explains
 from fvs_engine.sfm.verification.positions import misplaced
 from fvs_engine.sfm.verification.scale import Scale, depth_ratios
+from fvs_schema.findings import Finding, FindingCode
 
 Keypoints = Mapping[int, NDArray[np.float64]]
 
@@ -53,22 +54,22 @@ class PoseCheck:
         ids = {image_id for pair in pairs for image_id in (pair.first, pair.second)}
         return PoseCheck(pairs, read_keypoints(database, ids), min_image_support, priors)
 
-    def contradiction(self, model: pycolmap.Reconstruction, image_id: int) -> str | None:
+    def contradiction(self, model: pycolmap.Reconstruction, image_id: int) -> Finding | None:
         """What contradicts the pose of an image in ``model``, None if nothing does."""
+        name = model.image(image_id).name
         checks = _checks_of(image_id, model, self.pairs, self.keypoints)
         matches = sum(check.matches for check in checks)
         supported = sum(check.supported for check in checks)
         if not any(explains(check) for check in checks) or supported < self.min_image_support * matches:
-            return f"{supported} of its {matches} verified matches fit its estimated pose"
-        name = model.image(image_id).name
+            return Finding.of(FindingCode.POSE_UNSUPPORTED, [name], supported=supported, matches=matches)
         if name in self._scale(model, {image_id}).contradicted:
-            return "features seen in three images contradict its distance to the others"
+            return Finding.of(FindingCode.POSE_AT_WRONG_DISTANCE, [name])
         registered = [image for image in model.images.values() if image.has_pose]
         centres = {image.name: np.asarray(image.projection_center()) for image in registered}
         distance = misplaced(self.priors, centres).get(name)
         if distance is None:
             return None
-        return f"its estimated position is {distance:.3g} off its position prior; one of the two is wrong"
+        return Finding.of(FindingCode.POSE_FAR_FROM_PRIOR, [name], distance=distance)
 
     def match_support(self, model: pycolmap.Reconstruction) -> float | None:
         """Share of the verified matches within ``model`` that its poses explain; None without matches."""

@@ -18,6 +18,7 @@ from fvs_engine.sfm.native.points_of_others import Rays, hangs_on_few_points, ob
 from fvs_engine.sfm.native.prior_pose import Array, PoseProblem, project
 from fvs_engine.sfm.native.robust_adjustment import MEDIAN_LENGTH
 from fvs_engine.sfm.native.thresholds import POSES
+from fvs_schema.findings import Finding, FindingCode
 
 
 def position_share(model: pycolmap.Reconstruction, image: pycolmap.Image, rays: Rays) -> float | None:
@@ -36,11 +37,11 @@ def position_share(model: pycolmap.Reconstruction, image: pycolmap.Image, rays: 
     return sigma / max(centre_spread(np.stack(centres)), 1e-12)  # photographs turned in place have none
 
 
-def why_uncertain(share: float) -> str:
+def why_uncertain(name: str, share: float) -> Finding:
     """The reason for rejecting an image with that ``position_share``."""
     if np.isinf(share):
-        return "its matches do not determine its position"
-    return f"its matches leave its position uncertain by {share:.0%} of the spread of all positions"
+        return Finding.of(FindingCode.POSE_UNDETERMINED, [name])
+    return Finding.of(FindingCode.POSE_UNCERTAIN, [name], share=share)
 
 
 def centre_sigma(

@@ -30,6 +30,7 @@ from fvs_engine.sfm.native.robust_adjustment import (
 from fvs_engine.sfm.native.thresholds import POSES
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.prior_frame import believed_frame
+from fvs_schema.findings import Finding
 
 
 @dataclass(frozen=True)
@@ -110,7 +111,7 @@ class Growth:
         self._names = {image.name for image in model.images.values()} | set(request.names)
         self._lens = request.lens
         self.registered: list[str] = []
-        self.rejected: dict[str, str] = {}
+        self.rejected: dict[str, Finding] = {}
         self.check = check
         self.adjusted = False
         """Whether global bundle adjustment has run."""
@@ -283,14 +284,14 @@ class Growth:
             worst = max(shares, key=lambda name: shares[name], default=None)
             if worst is None or shares[worst] <= POSES.max_position_share:
                 return
-            self._reject(images[worst], why_uncertain(shares[worst]))
+            self._reject(images[worst], why_uncertain(worst, shares[worst]))
 
     def _new_images(self) -> list[pycolmap.Image]:
         """The images registered by this job that still have a pose."""
         images = (self.model.find_image_with_name(name) for name in self.registered)
         return [image for image in images if image is not None and image.has_pose]
 
-    def _reject(self, image: pycolmap.Image, reason: str) -> None:
+    def _reject(self, image: pycolmap.Image, reason: Finding) -> None:
         self.rejected[image.name] = reason
         self._rejections[image.name] += 1
         self._rejected_now.add(image.name)

@@ -1,4 +1,4 @@
-"""The checks of the gate: each looks at one kind of evidence for a model and says what is wrong, or nothing.
+"""The checks of the gate: each looks at one kind of evidence for a model and finds what is wrong, or nothing.
 
 ``CHECKS`` lists them in the order in which their reasons are given. Thresholds are in ``GateSettings``.
 """
@@ -7,9 +7,9 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from enum import Enum
 
-from fvs_engine.images.names import listed
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import GateSettings
+from fvs_schema.findings import Finding, FindingCode
 
 
 class Weight(Enum):
@@ -69,105 +69,98 @@ class Case:
 
 @dataclass(frozen=True)
 class Check:
-    """One check: ``finds`` returns a sentence about what it found in a model, None when it found nothing."""
+    """One check: ``finds`` returns what it found in a model, None when it found nothing."""
 
     name: str
     weight: Weight
-    finds: Callable[[Case], str | None]
+    finds: Callable[[Case], Finding | None]
 
 
-def _matches_contradict(case: Case) -> str | None:
+def _matches_contradict(case: Case) -> Finding | None:
     return _few_fit(case) if case.evidence.match_support < case.settings.min_doubtful_match_support else None
 
 
-def _matches_are_weak(case: Case) -> str | None:
+def _matches_are_weak(case: Case) -> Finding | None:
     return _few_fit(case) if case.evidence.match_support < case.settings.min_match_support else None
 
 
-def _few_fit(case: Case) -> str:
-    return f"Only {case.evidence.match_support:.1%} of the verified matches fit its cameras."
+def _few_fit(case: Case) -> Finding:
+    return Finding.of(FindingCode.MATCH_SUPPORT, support=case.evidence.match_support)
 
 
-def _rotations_contradict(case: Case) -> str | None:
+def _rotations_contradict(case: Case) -> Finding | None:
     support = case.evidence.rotation_support
     if support is None or support >= case.settings.min_rotation_support:
         return None
-    return f"Only {support:.1%} of the independent relative rotations agree with it."
+    return Finding.of(FindingCode.ROTATION_SUPPORT, support=support)
 
 
-def _directions_are_weak(case: Case) -> str | None:
+def _directions_are_weak(case: Case) -> Finding | None:
     support = case.evidence.translation_support
     if support is None or support >= case.settings.min_translation_support:
         return None
-    return f"Only {support:.1%} of the independent directions between cameras agree with it."
+    return Finding.of(FindingCode.DIRECTION_SUPPORT, support=support)
 
 
-def _many_are_unsupported(case: Case) -> str | None:
+def _many_are_unsupported(case: Case) -> Finding | None:
     names = case.evidence.unsupported_images
     if not case.are_many(names) or not case.are_many(case.unconfirmed(names)):
         return None
-    return _unsupported(case)
+    return Finding.of(FindingCode.CONTRADICTED_POSES, names, of=case.images)
 
 
-def _positions_alone_support_many(case: Case) -> str | None:
-    if not case.are_many(case.evidence.unsupported_images):
-        return None
-    return f"{_unsupported(case)} Only their positions confirm them."
-
-
-def _unsupported(case: Case) -> str:
+def _positions_alone_support_many(case: Case) -> Finding | None:
     names = case.evidence.unsupported_images
-    return f"Matches contradict the poses of {len(names)} of its {case.images} images: {listed(names)}."
+    if not case.are_many(names):
+        return None
+    return Finding.of(FindingCode.CONFIRMED_BY_POSITIONS, names, of=case.images)
 
 
-def _many_are_misscaled(case: Case) -> str | None:
+def _many_are_misscaled(case: Case) -> Finding | None:
     names = case.evidence.misscaled_images
-    return wrong_distance(names) if case.are_many(names) else None
+    return Finding.of(FindingCode.WRONG_DISTANCE, names) if case.are_many(names) else None
 
 
-def _some_are_misscaled(case: Case) -> str | None:
+def _some_are_misscaled(case: Case) -> Finding | None:
     names = case.evidence.misscaled_images
-    return wrong_distance(names) if names else None
+    return Finding.of(FindingCode.WRONG_DISTANCE, names) if names else None
 
 
-def _some_are_unscaled(case: Case) -> str | None:
+def _some_are_unscaled(case: Case) -> Finding | None:
     names = case.unconfirmed(case.evidence.unscaled_images)
-    return unknown_distance(names) if names else None
+    return Finding.of(FindingCode.UNKNOWN_DISTANCE, names) if names else None
 
 
-def _many_are_misplaced(case: Case) -> str | None:
+def _many_are_misplaced(case: Case) -> Finding | None:
     if case.priors_are_wrong or not case.has_many_misplaced:
         return None
-    names = case.evidence.misplaced_images
-    return f"{len(names)} of its {case.images} images are far from their position priors: {listed(names)}."
+    return Finding.of(FindingCode.FAR_FROM_PRIORS, case.evidence.misplaced_images, of=case.images)
 
 
-def _centres_are_off_track(case: Case) -> str | None:
-    if case.priors_are_wrong or not case.is_off_track:
-        return None
+def _centres_are_off_track(case: Case) -> Finding | None:
     residual = case.evidence.prior_residual_share
-    return f"Its camera centres are {residual:.0%} of the track off their position priors."
+    if residual is None or case.priors_are_wrong or not case.is_off_track:
+        return None
+    return Finding.of(FindingCode.CENTRES_OFF_PRIORS, share=residual)
 
 
-def _views_conflict(case: Case) -> str | None:
+def _views_conflict(case: Case) -> Finding | None:
     pairs = [pair for pair in case.evidence.conflicting_views if case.unconfirmed(pair)]
-    return two_places(pairs) if pairs else None
+    names = [name for pair in pairs for name in pair]
+    return Finding.of(FindingCode.CONFLICTING_VIEWS, names) if names else None
 
 
-def _focal_length_is_unlikely(case: Case) -> str | None:
+def _focal_length_is_unlikely(case: Case) -> Finding | None:
     focal_px = case.evidence.unlikely_focal_lengths_px
     if not focal_px or case.priors_confirm:
         return None
     shown = ", ".join(f"{focal:.0f}" for focal in focal_px)
-    return (
-        f"The estimated focal length, {shown} px, is implausible or contradicts EXIF. A flat scene seen "
-        "head-on does not determine it: photograph it from the side, too, or give the camera's calibration."
-    )
+    return Finding.of(FindingCode.UNLIKELY_FOCAL_LENGTH, focal_px=shown)
 
 
-def _some_are_loosely_linked(case: Case) -> str | None:
+def _some_are_loosely_linked(case: Case) -> Finding | None:
     names = case.unconfirmed(case.evidence.loosely_linked_images)
-    return few_matches(names) if names else None
+    return Finding.of(FindingCode.LOOSELY_LINKED, names) if names else None
 
 
 CHECKS = (
@@ -189,41 +182,10 @@ CHECKS = (
 """All checks of the gate, in the order of their reasons."""
 
 
-def findings(case: Case) -> dict[Weight, tuple[str, ...]]:
+def findings(case: Case) -> dict[Weight, tuple[Finding, ...]]:
     """What the checks find in a model, by its weight."""
-    found: dict[Weight, tuple[str, ...]] = dict.fromkeys(Weight, ())
+    found: dict[Weight, tuple[Finding, ...]] = dict.fromkeys(Weight, ())
     for check in CHECKS:
         if (reason := check.finds(case)) is not None:
             found[check.weight] += (reason,)
     return found
-
-
-def few_matches(names: Sequence[str]) -> str:
-    """Why the poses of these images are doubtful, and the remedy."""
-    return (
-        f"Only a few matches connect {listed(names)} with the rest of the model. Look-alike places cause "
-        "this, too; photographs taken in between would settle it."
-    )
-
-
-def wrong_distance(names: Sequence[str]) -> str:
-    """Why the poses of these images are wrong."""
-    return f"Features seen in three images contradict the distance of {listed(names)} to the other images."
-
-
-def unknown_distance(names: Sequence[str]) -> str:
-    """Why the poses of these images are doubtful, and the remedy."""
-    return (
-        f"Hardly any feature of {listed(names)} is seen in two other images, so nothing confirms the "
-        "distance from the rest of the model. Take photographs in between."
-    )
-
-
-def two_places(pairs: Sequence[tuple[str, str]]) -> str:
-    """Why the poses of pairs of images are doubtful, and the remedy."""
-    shown = listed([f"{first} and {second}" for first, second in pairs])
-    return (
-        f"{shown} should overlap according to their poses, but large parts of them differ: two look-alike "
-        "places may have been merged, or something blocked the view. Give positions, or take photographs "
-        "along the way between them."
-    )

@@ -16,12 +16,7 @@ from fvs_engine.geometry.alignment.similarity import umeyama
 from fvs_engine.sfm.report import Agreement, Evidence, Verdict
 from fvs_engine.sfm.settings import GateSettings
 from fvs_engine.sfm.verification.checks import Case, Weight, findings
-from fvs_engine.sfm.warnings import doubtful
-
-PRIORS_IGNORED = (
-    "The position priors contradict the images and are not used: the baselines between matched images do "
-    "not fit them. Check their units and axes, and whether they belong to these images."
-)
+from fvs_schema.findings import Finding, FindingCode, Severity
 
 
 @dataclass(frozen=True, eq=False)
@@ -43,7 +38,7 @@ class Judgement:
     """The verdict on one model, and the reasons."""
 
     verdict: Verdict
-    reasons: tuple[str, ...]
+    reasons: tuple[Finding, ...]
 
 
 @dataclass(frozen=True)
@@ -53,7 +48,7 @@ class Decision:
     chosen: int | None
     judgements: tuple[Judgement, ...]
     agreements: tuple[Agreement, ...]
-    warnings: tuple[str, ...]
+    warnings: tuple[Finding, ...]
 
 
 def decide(models: Sequence[JudgedModel], settings: GateSettings) -> Decision:
@@ -78,17 +73,15 @@ def decide(models: Sequence[JudgedModel], settings: GateSettings) -> Decision:
     best = max(usable, key=lambda i: _rank(models[i], judgements[i], settings))
     warnings = []
     if models[best].case(settings).priors_are_wrong:
-        warnings.append(PRIORS_IGNORED)
+        warnings.append(Finding.of(FindingCode.POSITIONS_IGNORED))
     as_good = [models[i] for i in usable if judgements[i].verdict == judgements[best].verdict]
     rival = next((model for model in as_good if _rivals(model, models[best], agreements, settings)), None)
     if rival is not None:
-        reason = (
-            f"The {rival.mapper} mapper found another model that the matches support as well; "
-            "at least one of them is wrong."
-        )
-        judgements[best] = Judgement("doubtful", (*judgements[best].reasons, reason))
+        doubts = () if judgements[best].verdict == "accepted" else judgements[best].reasons
+        reason = Finding.of(FindingCode.RIVAL_MODEL, severity=Severity.DOUBT, mapper=rival.mapper)
+        judgements[best] = Judgement("doubtful", (*doubts, reason))
     if judgements[best].verdict == "doubtful":
-        warnings.append(doubtful(f"{' '.join(judgements[best].reasons)} Look at the result before use."))
+        warnings += judgements[best].reasons
     return Decision(best, tuple(judgements), agreements, tuple(warnings))
 
 
@@ -115,22 +108,32 @@ def agree(first: JudgedModel, second: JudgedModel, settings: GateSettings) -> Ag
 def _judge(model: JudgedModel, agreements: Sequence[Agreement], settings: GateSettings) -> Judgement:
     """The verdict of all checks on a model."""
     if model.evidence is None:
-        return Judgement("rejected", ("It has no verified pair of images.",))
+        return _rejected(Finding.of(FindingCode.NO_PAIRS))
     case = model.case(settings)
     found = findings(case)
     rejections, weaknesses = found[Weight.REJECTS], found[Weight.NEEDS_CONFIRMATION]
     if rejections:
-        return Judgement("rejected", rejections)
+        return _rejected(*rejections)
     doubts = found[Weight.DOUBTS]
     if weaknesses:
-        confirmation = _confirmation(model.mapper, case, agreements)
-        if confirmation is None:
-            return Judgement("rejected", (*weaknesses, "Neither another mapper nor GPS confirms it."))
-        return Judgement("doubtful", (*weaknesses, f"But {confirmation} it.", *doubts))
+        source = _confirmation(model.mapper, case, agreements)
+        if source is None:
+            return _rejected(*weaknesses, Finding.of(FindingCode.UNCONFIRMED))
+        return _doubtful(*weaknesses, Finding.of(FindingCode.HARDLY_CONFIRMED, source=source), *doubts)
     if doubts := doubts or found[Weight.DOUBTS_ALONE][:1]:
-        return Judgement("doubtful", doubts)
-    support = f"{case.evidence.match_support:.1%} of the verified matches fit its cameras."
-    return Judgement("accepted", (support,))
+        return _doubtful(*doubts)
+    support = case.evidence.match_support
+    return Judgement(
+        "accepted", (Finding.of(FindingCode.MATCH_SUPPORT, severity=Severity.NOTE, support=support),)
+    )
+
+
+def _rejected(*reasons: Finding) -> Judgement:
+    return Judgement("rejected", tuple(reason.with_severity(Severity.REJECTION) for reason in reasons))
+
+
+def _doubtful(*reasons: Finding) -> Judgement:
+    return Judgement("doubtful", tuple(reason.with_severity(Severity.DOUBT) for reason in reasons))
 
 
 def _confirmation(mapper: str, case: Case, agreements: Sequence[Agreement]) -> str | None:
@@ -139,8 +142,8 @@ def _confirmation(mapper: str, case: Case, agreements: Sequence[Agreement]) -> s
         mapper in agreement.mappers and agreement.median_share <= case.settings.max_disagreement
         for agreement in agreements
     ):
-        return "two mappers agree on"
-    return "GPS confirms" if case.priors_confirm else None
+        return "another mapper"
+    return "GPS" if case.priors_confirm else None
 
 
 def _rank(model: JudgedModel, judgement: Judgement, settings: GateSettings) -> float:

@@ -11,6 +11,7 @@ from fvs_engine.geometry.alignment.positions import GPS_ACCURACY_M, MIN_POSITION
 from fvs_engine.sfm.colmap.database import gps_positions, image_ids
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.verification.thresholds import PRIORS
+from fvs_schema.findings import Finding, FindingCode
 
 Array = NDArray[np.float64]
 
@@ -59,7 +60,7 @@ def shared(priors: PosePriors, centres: Mapping[str, Array]) -> list[str]:
     return sorted(centres.keys() & priors.by_name.keys())
 
 
-def usable_priors(given: PosePriors | None, database: Path) -> tuple[PosePriors, tuple[str, ...]]:
+def usable_priors(given: PosePriors | None, database: Path) -> tuple[PosePriors, tuple[Finding, ...]]:
     """The priors ``given``, by default the GPS positions in EXIF, without frozen ones, and warnings.
 
     A frozen receiver repeats its last position exactly, which one with a fix never does.
@@ -70,9 +71,8 @@ def usable_priors(given: PosePriors | None, database: Path) -> tuple[PosePriors,
     if frozen == 0:
         return priors, ()
     moving = {name: prior for name, prior in priors.by_name.items() if counts[prior.position] < PRIORS.frozen}
-    warning = (
-        f"{frozen} of {len(priors.by_name)} images have the same position as {PRIORS.frozen - 1} others or "
-        "more: the receiver froze. These positions are not used."
+    warning = Finding.of(
+        FindingCode.FROZEN_POSITIONS, frozen=frozen, of=len(priors.by_name), others=PRIORS.frozen - 1
     )
     return PosePriors(by_name=moving), (warning,)
 

@@ -11,28 +11,31 @@ import pytest
 import typer
 
 from fvs_engine.cli.exit_codes import EXIT_CODES, INTERRUPTED
-from fvs_engine.cli.jobs import Warn, run_job
+from fvs_engine.cli.jobs import run_job
 from fvs_engine.errors import ContradictedModelsError, EngineError, ReconstructionError
 from fvs_engine.monitor import Monitor
+from fvs_schema.findings import Finding, FindingCode
 
 
-def test_the_result_comes_back_and_sentences_go_to_stderr(capsys: pytest.CaptureFixture[str]) -> None:
-    def job(monitor: Monitor, warn: Warn) -> int:
-        warn("Left out a.jpg: it is empty.")
+def test_the_result_comes_back_and_warnings_go_to_stderr(capsys: pytest.CaptureFixture[str]) -> None:
+    def job(monitor: Monitor) -> int:
+        monitor.warn(
+            Finding.of(FindingCode.UNUSABLE_PHOTOGRAPH, ["a.jpg"], why="it is empty.", remedy="Export it.")
+        )
         monitor.report("images", 1, 1)
         return 7
 
     assert run_job(job, machine=False) == 7
     captured = capsys.readouterr()
     assert captured.out == ""
-    assert captured.err == "Left out a.jpg: it is empty.\nChecking photographs: 1/1\n"
+    assert captured.err == "Left out a.jpg: it is empty. Export it.\nChecking photographs: 1/1\n"
 
 
 @pytest.mark.parametrize("machine", [False, True])
 def test_an_engine_error_is_one_message_and_a_status(
     machine: bool, capsys: pytest.CaptureFixture[str]
 ) -> None:
-    def job(_monitor: Monitor, _warn: Warn) -> None:
+    def job(_monitor: Monitor) -> None:
         raise ReconstructionError("No two photographs overlap.", hint="Take more.")
 
     with pytest.raises(typer.Exit) as caught:
@@ -59,7 +62,7 @@ def test_the_options_that_help_are_named_with_their_kind_of_error_alone(
         (ReconstructionError, "Step back."),
     ):
 
-        def job(_monitor: Monitor, _warn: Warn, kind: type[EngineError] = kind) -> None:
+        def job(_monitor: Monitor, kind: type[EngineError] = kind) -> None:
             raise kind("No model.", hint="Step back.")
 
         with pytest.raises(typer.Exit):
@@ -68,7 +71,7 @@ def test_the_options_that_help_are_named_with_their_kind_of_error_alone(
 
 
 def test_what_the_engine_logs_is_json_for_machines_too(capsys: pytest.CaptureFixture[str]) -> None:
-    def job(_monitor: Monitor, _warn: Warn) -> None:
+    def job(_monitor: Monitor) -> None:
         logging.getLogger("fvs_engine.compilation.ahead").warning("Compiling failed (%s).", "no disk")
 
     run_job(job, machine=True)
@@ -76,7 +79,7 @@ def test_what_the_engine_logs_is_json_for_machines_too(capsys: pytest.CaptureFix
 
 
 def test_a_bug_is_not_dressed_up() -> None:
-    def job(_monitor: Monitor, _warn: Warn) -> None:
+    def job(_monitor: Monitor) -> None:
         raise ZeroDivisionError
 
     with pytest.raises(ZeroDivisionError):
@@ -89,7 +92,7 @@ def test_a_signal_stops_the_job_at_its_next_safe_point(
 ) -> None:
     cleaned_up = threading.Event()
 
-    def job(monitor: Monitor, _warn: Warn) -> None:
+    def job(monitor: Monitor) -> None:
         os.kill(os.getpid(), number)
         try:
             while True:
@@ -113,7 +116,7 @@ def test_a_second_signal_stops_at_once_even_a_job_that_does_not_listen() -> None
     script = (
         "import os, signal, time\n"
         "from fvs_engine.cli.jobs import run_job\n"
-        "def job(monitor, warn):\n"
+        "def job(monitor):\n"
         "    os.kill(os.getpid(), signal.SIGINT)\n"
         "    while not monitor.cancelled: time.sleep(0.01)\n"
         "    time.sleep(0.5)\n"

@@ -3,7 +3,7 @@ from pathlib import Path
 import pytest
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.images.names import listed, match_files, match_names, mentions
+from fvs_engine.images.names import match_files, match_names
 
 IMAGES = {"a/1.jpg": "a/1.jpg", "b/1.jpg": "b/1.jpg", "2.tif": "2.tif.png", "2.tif.png": "2.tif.png"}
 
@@ -45,16 +45,3 @@ def test_files_are_found_below_a_folder(tmp_path: Path) -> None:
     assert matches.missing == ("3.jpg", ".hidden.jpg")
     with pytest.raises(InvalidInputError, match=r"and so may 1\.jpg"):
         match_files(["1.jpg", "images/1.jpg"], tmp_path)
-
-
-@pytest.mark.parametrize("name", ["1.jpg", "row a/1.jpg", "1(2).jpg", "ä.jpg"])
-def test_a_sentence_mentions_the_images_that_it_lists(name: str) -> None:
-    assert mentions(f"{name} is not registered: too few.", name)
-    assert mentions(f"Unregistered: {listed(['0.jpg', name, '2.jpg'])}. Photograph more.", name)
-    assert mentions(f"No features could be found in 0.jpg, {name}.", name)
-    assert mentions(f"Left out: {name}", name)
-
-
-def test_a_sentence_about_an_image_does_not_mention_one_whose_name_is_a_part_of_its_own() -> None:
-    for other in ("11.jpg", "1.jpg.png", "a/1.jpg", "-1.jpg"):
-        assert not mentions(f"{other} is not registered: too few.", "1.jpg")

@@ -22,6 +22,7 @@ from fvs_engine.sfm.colmap.model import write_colmap
 from fvs_engine.sfm.jobs import UndistortImages
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.views import AnyView
+from fvs_schema.findings import Finding, FindingCode
 
 pytestmark = pytest.mark.usefixtures("all_native_here")
 
@@ -71,10 +72,9 @@ def check_given_cameras_get_points(
     names = sorted(path.name for path in workspace.images.iterdir())
     photographs = tuple(ImageRecord(name=name, normalised_name=name, sha256="") for name in names)
     images = ImagesRecord(folder=str(workspace.images), photographs=photographs, rejected=())
-    warnings: list[str] = []
-    manifest = find_cameras(
-        workspace, Manifest(settings=settings, images=images), monitor=Monitor(), warn=warnings.append
-    )
+    warnings: list[Finding] = []
+    monitor = Monitor(on_warning=warnings.append)
+    manifest = find_cameras(workspace, Manifest(settings=settings, images=images), monitor=monitor)
     record = manifest.cameras
     assert record is not None
     assert record.registered == tuple(view.name for view in given)
@@ -128,7 +128,8 @@ def test_a_colmap_model_fits_photographs_that_were_resized_and_renamed(
     write_colmap(replace(kermit_sfm.reconstruction, views=renamed), tmp_path / "model")
     settings = ReconstructionSettings(colmap=str(tmp_path / "model"))
     images = ImagesRecord(folder="", photographs=tuple(photographs), rejected=())
-    find_cameras(workspace, Manifest(settings=settings, images=images), monitor=Monitor(), warn=pytest.fail)
+    monitor = Monitor(on_warning=lambda finding: pytest.fail(finding.code))
+    find_cameras(workspace, Manifest(settings=settings, images=images), monitor=monitor)
     by_name = {view.name: view for view in read_undistorted(workspace).views}
     for index, view in enumerate(views):
         camera = by_name[f"IMG%20{index}.jpg"].camera
@@ -150,13 +151,14 @@ def test_a_photograph_that_kills_the_undistortion_is_left_out(
 
     def run(request: UndistortImages, *rest: Any, **options: Any) -> Any:
         if deadly in request.names:
-            raise ProcessDiedError("It died.", how="signal SIGSEGV", crashed=True)
+            raise ProcessDiedError("undistort", "signal SIGSEGV")
         return run_here(request, *rest, **options)
 
     monkeypatch.setattr(undistort, "run_native", run)
-    warnings: list[str] = []
-    cameras = find_cameras(workspace, manifest, monitor=Monitor(), warn=warnings.append).cameras
+    warnings: list[Finding] = []
+    cameras = find_cameras(workspace, manifest, monitor=Monitor(on_warning=warnings.append)).cameras
     assert cameras is not None
     assert cameras.unregistered == (deadly,)
-    assert warnings == [f"{deadly} is quarantined: It died. It does so whenever it gets this image."]
+    stage, how = "undistort", "signal SIGSEGV"
+    assert warnings == [Finding.of(FindingCode.QUARANTINED, [deadly], stage=stage, how=how)]
     assert {path.name for path in workspace.undistorted_images.iterdir()} == set(names) - {deadly}

@@ -10,6 +10,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.scene.dataset import Dataset, read_dataset
 from fvs_engine.sfm.colmap.model import to_pycolmap
 from fvs_engine.views import View
+from fvs_schema.findings import FindingCode
 
 NAMES = ("b.png", "a.png", "c.png")
 
@@ -71,9 +72,9 @@ def test_photographs_and_poses_that_miss_each_other_are_named(tmp_path: Path, co
     dataset = read_dataset(write_photographs(tmp_path / "images", ("a.png", "c.png", "x.jpg")), colmap=colmap)
     assert dataset.names == ("a.png", "c.png")
     missing, unposed = dataset.warnings
-    assert "1 of the 3 views" in missing
-    assert "b.png" in missing
-    assert "x.jpg" in unposed
+    assert (missing.code, missing.images) == (FindingCode.VIEWS_WITHOUT_PHOTOGRAPH, ("b.png",))
+    assert missing.numbers == {"of": 3}
+    assert (unposed.code, unposed.images) == (FindingCode.PHOTOGRAPHS_WITHOUT_POSE, ("x.jpg",))
     assert dataset.points is not None
     assert dataset.points.view_names == ("a.png", "c.png")
     assert dataset.points.seen_by(["a.png", "c.png"]).xyz[:, 0].tolist() == [3.0]
@@ -100,14 +101,13 @@ def test_listed_photographs_that_are_not_there_are_left_out(tmp_path: Path) -> N
     dataset = read_dataset(images, transforms=write_transforms(tmp_path / "transforms.json"))
     assert dataset.names == ("a.png", "b.png")
     assert dataset.points is None
-    assert "gone.png" in dataset.warnings[0]
-    assert "c.png" in dataset.warnings[1]
+    assert [warning.images for warning in dataset.warnings] == [("images/gone.png",), ("c.png",)]
 
 
 def test_the_fox_lists_more_than_there_is(data_dir: Path) -> None:
     dataset = read_dataset(data_dir / "fox" / "images", transforms=data_dir / "fox" / "transforms.json")
     assert len(dataset.views) == 50
-    assert "17 of the 67" in dataset.warnings[0]
+    assert (len(dataset.warnings[0].images), dataset.warnings[0].numbers) == (17, {"of": 67})
 
 
 def test_poses_that_are_not_numbers_name_their_view(tmp_path: Path, ball: Dataset) -> None:

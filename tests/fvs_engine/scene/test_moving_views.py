@@ -19,6 +19,7 @@ from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import AnyView, View
+from fvs_schema.findings import Finding, FindingCode
 
 Settings = Callable[..., SceneSettings]
 FIRST = ("4.png", "0.png", "2.png", "6.png")
@@ -33,7 +34,7 @@ class MovingPoses:
         self.shift = 0.0
         self.camera: PinholeCamera | None = None
         self.points = dataset.points.cloud.xyz if dataset.points else np.zeros((0, 3))
-        self.quarantined: dict[str, str] = {}
+        self.quarantined: dict[str, Finding] = {}
         self.renumbers = True
         self.images: set[str] = set()
         self.acknowledged = 0
@@ -228,7 +229,7 @@ def test_removing_an_image_without_a_pose_keeps_the_models(
     update = scene.add((), Monitor(), removed=[names[4]])
     assert update.unregistered == ()
     assert scene.train("full", Monitor()) is model
-    source.quarantined[names[6]] = "it kills"
-    assert scene.quarantined == {names[6]: "it kills"}
+    source.quarantined[names[6]] = Finding.of(FindingCode.QUARANTINED, [names[6]])
+    assert set(scene.quarantined) == {names[6]}
     scene.add([names[6]], Monitor(), removed=[names[6]])  # try it again
     assert scene.quarantined == {}

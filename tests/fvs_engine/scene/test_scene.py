@@ -15,6 +15,7 @@ from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.splat.metrics import psnr
 from fvs_engine.splat.raster import Rasterizer
+from fvs_schema.findings import FindingCode
 
 Settings = Callable[..., SceneSettings]
 FIRST = ("4.png", "0.png", "2.png", "6.png")
@@ -170,7 +171,7 @@ def test_views_that_share_no_point_start_from_guesses_in_front_of_them(
     settings = quick_settings(initial_iterations=60)
     scene = Scene.open(tmp_path / "scene", ball, settings, cpu, Monitor())
     update = scene.add(["0.png", "5.png"], Monitor())
-    assert "share only" in update.warnings[0]
+    assert [warning.code for warning in update.warnings] == [FindingCode.FEW_STARTS]
     means = starts(scene)
     in_view = []
     for view in scene.views:

@@ -26,6 +26,7 @@ from fvs_engine.select.candidate_views import align
 from fvs_engine.select.loop import SelectionLoop, StepRecord, StopReason
 from fvs_engine.sfm.settings import FeatureSettings, SfmSettings
 from fvs_engine.splat.views import TrainingView
+from fvs_schema.findings import FindingCode
 
 pytestmark = pytest.mark.usefixtures("all_native_here")
 
@@ -373,7 +374,7 @@ def test_a_photograph_that_shares_too_little_waits_and_is_named(yard: Dataset, t
     assert record.chosen == "0007.jpg"
     assert (record.registered, record.unregistered, record.iterations) == (4, 1, 20)
     (warning,) = record.warnings
-    assert "match no other image: 0007.jpg" in warning
+    assert (warning.code, warning.images) == (FindingCode.UNMATCHED, ("0007.jpg",))
 
 
 def test_initial_views_that_do_not_overlap_are_refused(yard: Dataset, tmp_path: Path) -> None:

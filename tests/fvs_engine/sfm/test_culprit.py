@@ -23,7 +23,7 @@ class Job:
         self.runs.append(list(items))
         if self.kills(items):
             how = "signal SIGSEGV" if self.crashed else "signal SIGKILL"
-            raise ProcessDiedError("It died.", how=how, crashed=self.crashed)
+            raise ProcessDiedError("match", how, crashed=self.crashed)
 
 
 @given(st.integers(2, 500), st.data(), st.booleans())

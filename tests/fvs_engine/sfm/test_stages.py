@@ -22,7 +22,7 @@ def test_an_image_is_not_blamed_for_a_damaged_database(
 
     def native(request: CopyFeatures, **_: object) -> None:
         if damaged or "b" in request.names:
-            raise NativeJobError("Stage 'match' failed.")
+            raise NativeJobError("match", "no reason")
 
     monkeypatch.setattr(stages, "native", native)
     with pytest.raises(DamagedOutputError if damaged else CulpritError):

@@ -29,11 +29,12 @@ from fvs_engine.scene.scene_files import SceneFiles
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings
 from fvs_engine.sfm.growing.state import GrowthFolder
-from fvs_engine.sfm.quarantine import warning
 from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.settings import PRESETS
 from fvs_engine.splat.views import TrainingView
+from fvs_engine.wording import text
+from fvs_schema.findings import Finding
 from fvs_schema.images import Image, Registration
 from fvs_schema.jobs import JobKind
 from fvs_schema.snapshots import SnapshotMetrics
@@ -134,12 +135,12 @@ class SceneJobs:
             update = scene.add(tuple(images), monitor, pose_priors(images, request.origin), removed=removed)
         finally:
             quarantined = scene.quarantined
-            found = {images[name].digest: why for name, why in quarantined.items() if name in images}
+            found = {images[name].digest: text(why) for name, why in quarantined.items() if name in images}
             _quarantine(found, request, warn, quarantine)
         images = {name: image for name, image in images.items() if name not in quarantined}
         previous_db = self._evaluate_previous(request, scene, images, monitor)
-        for sentence in update.warnings:
-            warn(sentence)
+        for finding in update.warnings:
+            warn(text(finding))
         scene.save()
         if not request.trains and not scene.is_trained("full"):
             return None
@@ -179,8 +180,8 @@ class SceneJobs:
         stage = FirstModelMonitor(monitor)
         try:
             update = scene.add(tuple(first), stage, pose_priors(first, request.origin))
-            for sentence in update.warnings:
-                warn(f"The first {len(first)} images: {sentence}")
+            for finding in update.warnings:
+                warn(f"The first {len(first)} images: {text(finding)}")
             with self._gpu_slot(stage):
                 model = scene.train("quick", stage)
         except (ReconstructionError, TrainingError):
@@ -317,7 +318,7 @@ class SceneJobs:
         colmap: Path,
         measured: Mapping[str, float | None],
         *,
-        why_unregistered: Mapping[str, str] = MappingProxyType({}),
+        why_unregistered: Mapping[str, Finding] = MappingProxyType({}),
         compressed: bool = True,
     ) -> JobOutcome:
         """Write the artifacts, which the worker commits, into ``folder``.
@@ -327,7 +328,7 @@ class SceneJobs:
         """
         posed = {view.name for view in views}
         unregistered = {
-            image.digest: why_unregistered.get(name, "")
+            image.digest: text(why_unregistered[name]) if name in why_unregistered else ""
             for name, image in images.items()
             if name not in posed
         }
@@ -359,7 +360,7 @@ def _quarantine(reasons: Mapping[str, str], request: RunJob, warn: Warn, quarant
     """Name images in the job's warnings, then quarantine them: the next try does not get them any more."""
     images = {image.digest: image for image in request.images}
     for digest, reason in reasons.items():
-        warn(warning(file_name(images[digest]), reason))
+        warn(f"{file_name(images[digest])} is quarantined. {reason}")
     if reasons:
         quarantine(reasons)
 

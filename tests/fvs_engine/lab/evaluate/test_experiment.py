@@ -16,6 +16,7 @@ from fvs_engine.lab.evaluate.run import RunPlan, Setup
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
+from fvs_schema.findings import Finding
 
 METHODS = ("farthest", "random")
 DRAW = experiment._draw
@@ -49,9 +50,9 @@ def run(
     seeds: tuple[int, ...] = (0, 1),
     monitor: Monitor | None = None,
     calibrated: bool = False,
-    said: list[str] | None = None,
+    said: list[Finding] | None = None,
 ) -> Summary:
-    warn = [].append if said is None else said.append
+    monitor = monitor or Monitor(on_warning=None if said is None else said.append)
     return run_experiment(
         folder,
         ring,
@@ -60,8 +61,7 @@ def run(
         seeds,
         cpu,
         calibrated=calibrated,
-        monitor=monitor or Monitor(),
-        warn=warn,
+        monitor=monitor,
     )
 
 
@@ -263,7 +263,7 @@ def test_a_run_that_fails_is_named_and_the_others_go_on(
         return execute(laboratory, plan, *others)  # type: ignore[arg-type]
 
     monkeypatch.setattr(experiment, "execute", fails_for_random)
-    said: list[str] = []
+    said: list[Finding] = []
     summary = run(tmp_path, ring, quick, cpu, seeds=(0,), said=said, calibrated=True)
     assert (tmp_path / "calibration.png").exists()  # its scores are known even so
     assert [made.method for made in summary.runs] == ["farthest"]

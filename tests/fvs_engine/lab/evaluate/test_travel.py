@@ -58,9 +58,7 @@ def protocol(quick: Protocol) -> Protocol:
 def execute(
     folder: Path, ring: Dataset, protocol: Protocol, cpu: Rasterizer, monitor: Monitor | None = None
 ) -> Summary:
-    return run_experiment(
-        folder, ring, protocol, METHODS, (0,), cpu, monitor=monitor or Monitor(), warn=[].append
-    )
+    return run_experiment(folder, ring, protocol, METHODS, (0,), cpu, monitor=monitor or Monitor())
 
 
 def decided(summary: Summary) -> list[dict[str, object]]:
@@ -207,13 +205,9 @@ def test_the_travel_of_the_preset_is_the_length_of_the_capture(
     pool = [name for index, name in enumerate(ring.names) if index % 4]
     assert resolved.max_travel == pytest.approx(path_length([centres[name] for name in pool]))
     assert quick.for_dataset(ring) == quick
-    summary = run_experiment(
-        tmp_path, ring, open_end, ("farthest",), (0,), cpu, monitor=Monitor(), warn=[].append
-    )
+    summary = run_experiment(tmp_path, ring, open_end, ("farthest",), (0,), cpu, monitor=Monitor())
     assert summary.protocol == resolved
-    again = run_experiment(
-        tmp_path, ring, open_end, ("farthest",), (0,), cpu, monitor=Monitor(), warn=[].append
-    )
+    again = run_experiment(tmp_path, ring, open_end, ("farthest",), (0,), cpu, monitor=Monitor())
     assert decided(again) == decided(summary)
     still = Dataset("still", ring.image_dir, (ring.views[0],) * 3)
     with pytest.raises(InvalidInputError, match="same position"):

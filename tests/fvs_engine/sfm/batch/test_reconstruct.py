@@ -29,6 +29,7 @@ from fvs_engine.sfm.pose_priors import ImageSet, PosePrior, PosePriors
 from fvs_engine.sfm.report import SfmReport
 from fvs_engine.sfm.settings import GateSettings, KnownIntrinsics, SfmSettings
 from fvs_engine.sfm.verification.gate import JudgedModel
+from fvs_schema.findings import Finding, FindingCode
 
 GLOBAL_FIRST = SfmSettings(incremental_first_up_to=0)
 """As for large sets."""
@@ -69,7 +70,7 @@ def test_the_other_mapper_runs_where_the_gate_leaves_doubt(
     (agreement,) = report.agreements
     assert agreement.median_share < 0.01
     assert report.verdict == "doubtful"
-    assert any("two mappers agree" in reason for reason in report.candidates[0].reasons)
+    assert FindingCode.HARDLY_CONFIRMED in {reason.code for reason in report.candidates[0].reasons}
 
 
 def test_report_survives_json_and_the_model_is_colmaps(kermit_sfm: SfmResult):
@@ -230,8 +231,8 @@ def test_an_image_of_something_else_is_left_out_and_named(
         ImageSet(kermit_copy, [*kermit_names, "stranger.jpg"]), folder, GLOBAL_FIRST, Monitor()
     )
     assert result.report.unregistered == ("stranger.jpg",)
-    (warning,) = (line for line in result.report.warnings if "stranger.jpg" in line)
-    assert "1 of 12 images could not be registered: stranger.jpg. Photograph what connects them" in warning
+    (warning,) = (found for found in result.report.warnings if "stranger.jpg" in found.images)
+    assert warning == Finding.of(FindingCode.UNREGISTERED, ["stranger.jpg"], of=12)
     assert result.report.registered == 11
 
 
@@ -245,15 +246,15 @@ def test_an_image_without_a_pose_is_warned_of_once():
         left_out=("d.jpg",),
         with_few_points=("e.jpg",),
     )
-    warnings = model_warnings(names, mapped)
-    for name, said in {
-        "c.jpg": "1 of 6 images form a model of their own",
-        "d.jpg": "Left out 1 of 6 images",
-        "e.jpg": "Left out 1 of 6 images",
-        "f.jpg": "1 of 6 images could not be registered",
-    }.items():
-        (sentence,) = [warning for warning in warnings if name in warning]
-        assert sentence.startswith(said)
+    assert model_warnings(names, mapped) == [
+        Finding.of(code, [name], of=6)
+        for name, code in {
+            "f.jpg": FindingCode.UNREGISTERED,
+            "c.jpg": FindingCode.SEPARATE_MODEL,
+            "d.jpg": FindingCode.LEFT_OUT,
+            "e.jpg": FindingCode.FEW_POINTS,
+        }.items()
+    ]
 
 
 def test_walls_without_texture_are_refused_by_name(tmp_path: Path):

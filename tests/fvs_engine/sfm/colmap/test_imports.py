@@ -26,6 +26,7 @@ from fvs_engine.sfm.pose_priors import ImageSet
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.settings import FeatureSettings, SfmSettings
 from fvs_engine.views import AnyView, View
+from fvs_schema.findings import Finding, FindingCode
 
 
 def frame(name: str, x: float = 0.0) -> dict[str, Any]:
@@ -241,7 +242,7 @@ def test_given_cameras_get_points_and_do_not_move(
     for view, expected in zip(result.reconstruction.views, given, strict=True):
         assert view.camera == expected.camera
         np.testing.assert_allclose(view.centre, expected.centre, atol=1e-9)
-    assert any("gone.jpg" in warning for warning in result.report.warnings)
+    assert Finding.of(FindingCode.NO_IMAGE_OF_CAMERA, ["gone.jpg"]) in result.report.warnings
 
 
 @pytest.mark.usefixtures("native_here")

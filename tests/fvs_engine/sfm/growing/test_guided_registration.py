@@ -29,6 +29,7 @@ from fvs_engine.sfm.native.thresholds import GUIDED
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import Stages
+from fvs_schema.findings import Finding, FindingCode, Severity
 
 
 @pytest.fixture
@@ -185,7 +186,7 @@ def test_an_image_whose_guided_pose_is_rejected_is_named_and_tried_again_when_it
         registered=tuple(other for other in kermit_names if other != name),
     )
     stages = Stages(folder.sfm, image_dir, SfmSettings(threads=1), Monitor())
-    rejected = {name: "3 of its 90 verified matches fit its estimated pose"}
+    rejected = {name: Finding.of(FindingCode.POSE_UNSUPPORTED, [name], supported=3, matches=90)}
     answer = registration(posed=tuple(sorted(state.registered)), rejected=rejected)
     tried: list[Any] = []
 
@@ -200,8 +201,7 @@ def test_an_image_whose_guided_pose_is_rejected_is_named_and_tried_again_when_it
     (digest,) = change.state.tried_guided.values()
     assert change.state == state.model_copy(update={"rejected": rejected, "tried_guided": {name: digest}})
     (warning,) = change.warnings
-    assert warning.startswith(f"{name} is not registered: 3 of its 90 ")
-    assert "Photographs from between" in warning
+    assert warning == change.state.rejected[name]
     again = guide(stages, folder, ModelChange(change.state), kermit_names, priors)
     assert (again.state, tried) == (change.state, [[name]])
     less_accurate = priors.by_name[name].model_copy(update={"orientation_sigma_deg": 4.0})
@@ -230,9 +230,8 @@ def test_new_images_that_conflict_are_named_unless_both_have_informative_priors(
     priors = PosePriors(by_name={name: every[name] for name in [new, old][:with_priors]})
     images = Unregistered([new], priors, informative)
     change = register(stages, state, images, tmp_path, tmp_path / "out")
-    found = [warning for warning in change.warnings if "should overlap" in warning]
-    assert len(found) == warned
-    assert all(f"{new} and {old}" in warning for warning in found)
+    conflict = Finding.of(FindingCode.CONFLICTING_VIEWS, [new, old], Severity.DOUBT)
+    assert change.warnings == ((conflict,) if warned else ())
 
 
 def test_a_photograph_that_shows_something_else_stays_as_it_was(unmatched: RegisterGuided):

@@ -11,7 +11,7 @@ from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.growing.state import GrowthFolder
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.settings import SfmSettings
-from fvs_engine.sfm.verification.gate import PRIORS_IGNORED
+from fvs_schema.findings import Finding, FindingCode, Severity
 
 
 @pytest.mark.parametrize("mirrored", [False, True])
@@ -27,7 +27,7 @@ def test_positions_that_the_images_contradict_are_ignored_by_the_first_model(
     growing = GrowingReconstruction.open(tmp_path, kermit_dir, SfmSettings(), Monitor())
     update = growing.add(kermit_names, Monitor(), PosePriors(by_name=given))
     assert len(update.registered) == len(kermit_names)
-    assert (PRIORS_IGNORED in update.warnings) == mirrored
+    assert (Finding.of(FindingCode.POSITIONS_IGNORED) in update.warnings) == mirrored
     assert GrowthFolder(tmp_path).ignores_positions == mirrored
 
 
@@ -42,12 +42,11 @@ def test_an_image_that_its_position_contradicts_is_doubtful_once_priors_can_judg
     centres = dict(growing.reconstruction.centres())
     centres[kermit_names[3]] = centres[kermit_names[3]] + 5.0
 
-    def warnings(sigma: float) -> tuple[str, ...]:
+    def warnings(sigma: float) -> tuple[Finding, ...]:
         given = {name: PosePrior.at(centre, sigma) for name, centre in centres.items()}
         return growing.add(kermit_names, Monitor(), PosePriors(by_name=given)).warnings
 
     assert warnings(10.0) == ()
     (doubt,) = warnings(0.01)
-    assert doubt.startswith("DOUBTFUL CAMERAS: ")
-    assert kermit_names[3] in doubt
-    assert not any(name in doubt for name in kermit_names if name != kermit_names[3])
+    assert (doubt.code, doubt.severity) == (FindingCode.FAR_FROM_PRIORS, Severity.DOUBT)
+    assert doubt.images == (kermit_names[3],)

@@ -20,6 +20,7 @@ from fvs_engine.sfm.growing import step as step_module
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.growing.state import GrowthState, ModelChange
 from fvs_engine.sfm.settings import SfmSettings
+from fvs_schema.findings import Finding, FindingCode
 
 KILLED = """
 import os, signal, sys
@@ -78,19 +79,20 @@ def test_warnings_of_an_update_that_was_killed_are_returned_once_more(
     grown: Grown, images: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     """It was committed, and the caller had not saved what it returned."""
+    said = Finding.of(FindingCode.UNCALIBRATED)
 
     def register(_stages: object, state: GrowthState, *_: object) -> ModelChange:
-        return ModelChange(state, warnings=("The wind is strong.",))
+        return ModelChange(state, warnings=(said,))
 
     monkeypatch.setattr(step_module, "register", register)
     folder = copy_of(grown.bootstrapped, tmp_path)
 
-    def warned() -> list[str]:
+    def warned() -> list[Finding]:
         growing = GrowingReconstruction.open(folder, images, SETTINGS, Monitor())
         update = growing.add([*FIRST, NEXT], Monitor(), known=grown.first.views)
-        return [line for line in update.warnings if line == "The wind is strong."]
+        return [warning for warning in update.warnings if warning == said]
 
-    assert warned() == warned() == ["The wind is strong."]
+    assert warned() == warned() == [said]
     GrowingReconstruction.open(folder, images, SETTINGS, Monitor()).acknowledge()
     assert warned() == []
 

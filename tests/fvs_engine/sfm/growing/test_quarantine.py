@@ -11,6 +11,7 @@ from fvs_engine.sfm.batch.reconstruct import reconstruct
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.pose_priors import ImageSet
 from fvs_engine.sfm.settings import FeatureSettings, SfmSettings
+from fvs_schema.findings import Finding, FindingCode
 
 pytestmark = [pytest.mark.process, pytest.mark.slow]
 # Only upsampling crashes on the image.
@@ -33,9 +34,8 @@ def test_a_deadly_image_is_left_out_of_a_new_reconstruction(images: Path, tmp_pa
     names = [NAMES[0], DEADLY, *NAMES[1:4]]
     result = reconstruct(ImageSet(images, names), tmp_path / "sfm", SETTINGS, Monitor())
     assert {view.name for view in result.reconstruction.views} == set(NAMES[:4])
-    assert [line for line in result.report.warnings if DEADLY in line] == [
-        f"{DEADLY} is quarantined: The process of stage 'extract' died (signal SIGSEGV). "
-        "It does so whenever it gets this image."
+    assert [warning for warning in result.report.warnings if DEADLY in warning.images] == [
+        Finding.of(FindingCode.QUARANTINED, [DEADLY], stage="extract", how="signal SIGSEGV")
     ]
 
 
@@ -46,7 +46,7 @@ def test_a_growing_reconstruction_goes_on_and_forgets_nothing(images: Path, tmp_
     update = growing.add([DEADLY, NAMES[4]], Monitor())
     assert set(growing.registered) == set(NAMES)
     assert DEADLY not in update.unregistered
-    assert any(DEADLY in line for line in update.warnings)
+    assert any(DEADLY in warning.images for warning in update.warnings)
     assert set(growing.quarantined) == {DEADLY}
 
     again = GrowingReconstruction.open(folder, images, SETTINGS, Monitor())

@@ -33,6 +33,7 @@ from fvs_engine.sfm.jobs import RegisterImages, Request
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.stages import Stages
+from fvs_schema.findings import Finding, FindingCode, Severity
 
 
 def test_added_images_are_registered_where_they_were_taken(grown: Grown, truth: Reconstruction):
@@ -123,14 +124,21 @@ def test_an_image_is_tried_again_when_its_chances_have_changed_and_only_then(
     assert FAR in growing.registered
 
 
+DUE = Finding.of(FindingCode.MANY_UNREGISTERED, severity=Severity.NOTE, unregistered=4)
+
+
+def _doubt(support: float) -> Finding:
+    return Finding.of(FindingCode.MATCH_SUPPORT, severity=Severity.DOUBT, support=support)
+
+
 def test_nothing_is_said_of_images_or_cameras_that_a_remap_puts_right(
     grown: Grown, images: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     growing = GrowingReconstruction.open(copy_of(grown.bootstrapped, tmp_path), images, SETTINGS, Monitor())
 
     def register(_stages: object, state: GrowthState, *_: object) -> ModelChange:
-        unregistered = (f"{name} is not registered: x." for name in [NEXT, FAR])
-        return ModelChange(state, warnings=("DOUBTFUL CAMERAS: x.", *unregistered))
+        unregistered = (Finding.of(FindingCode.POSE_UNDETERMINED, [name]) for name in [NEXT, FAR])
+        return ModelChange(state, warnings=(_doubt(0.8), *unregistered))
 
     def remap(_stages: object, state: GrowthState, *_: object) -> ModelChange:
         posed = [*state.registered, NEXT]
@@ -138,33 +146,34 @@ def test_nothing_is_said_of_images_or_cameras_that_a_remap_puts_right(
 
     monkeypatch.setattr(step_module, "register", register)
     monkeypatch.setattr(step_module, "remap", remap)
-    monkeypatch.setattr(step_module, "reason_to_remap", lambda *_: "It is due.")
+    monkeypatch.setattr(step_module, "reason_to_remap", lambda *_: DUE)
     update = growing.add([NEXT, FAR], Monitor())
-    assert update.warnings[0] == f"{FAR} is not registered: x."
-    assert not any(line.startswith((NEXT, "DOUBTFUL")) for line in update.warnings)
+    assert update.warnings[0] == Finding.of(FindingCode.POSE_UNDETERMINED, [FAR])
+    assert not any(NEXT in warning.images for warning in update.warnings)
+    assert _doubt(0.8) not in update.warnings
 
 
 def test_a_remap_ends_earlier_doubts_and_its_own_warnings_are_kept(
     grown: Grown, images: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
     growing = GrowingReconstruction.open(copy_of(grown.bootstrapped, tmp_path), images, SETTINGS, Monitor())
-    views, reasons = growing.reconstruction.views, iter([None, "It is due."])
+    views, reasons = growing.reconstruction.views, iter([None, DUE])
 
     def register(_stages: object, state: GrowthState, *_: object) -> ModelChange:
-        return ModelChange(state, warnings=("It was due. DOUBTFUL CAMERAS: of the model before.",))
+        return ModelChange(state, warnings=(DUE, _doubt(0.8)))
 
     def remap(stages: Stages, state: GrowthState, *_: object) -> ModelChange:
-        stages.warnings.append("No focal length.")
-        return ModelChange(state, mapper="global", warnings=("DOUBTFUL CAMERAS: of the new model.",))
+        stages.warnings.append(Finding.of(FindingCode.UNCALIBRATED))
+        return ModelChange(state, mapper="global", warnings=(_doubt(0.9),))
 
     monkeypatch.setattr(step_module, "register", register)
     monkeypatch.setattr(step_module, "remap", remap)
     monkeypatch.setattr(step_module, "reason_to_remap", lambda *_: next(reasons))
-    doubt = "It was due. DOUBTFUL CAMERAS: of the model before."
-    assert doubt in growing.add([FAR], Monitor(), known=views).warnings
+    assert _doubt(0.8) in growing.add([FAR], Monitor(), known=views).warnings
     warnings = growing.add([NEXT], Monitor(), known=views).warnings
-    assert doubt not in warnings
-    assert {"No focal length.", "DOUBTFUL CAMERAS: of the new model."} <= set(warnings)
+    assert _doubt(0.8) not in warnings
+    assert Finding.of(FindingCode.UNCALIBRATED) in warnings
+    assert _doubt(0.9) in warnings
 
 
 def test_what_was_added_is_not_added_again(

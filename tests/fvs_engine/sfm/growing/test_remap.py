@@ -16,6 +16,7 @@ from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.settings import GateSettings, SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages
+from fvs_schema.findings import FindingCode, Severity
 
 MODEL_FROM_COLMAP = SimilarityTransform(
     3.0, Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix(), np.array([5.0, -2.0, 9.0])
@@ -88,8 +89,12 @@ def test_reasons_to_remap():
     )
     assert reason_to_remap(state, 0.94, 2, settings) is None
     assert reason_to_remap(state, None, 2, settings) is None
-    assert "95.0% to 90.0%" in str(reason_to_remap(state, 0.90, 0, settings))
-    assert "4 images" in str(reason_to_remap(state, None, 4, settings))
+    fell = reason_to_remap(state, 0.90, 0, settings)
+    assert fell is not None
+    assert (fell.code, fell.numbers) == (FindingCode.SUPPORT_FELL, {"before": 0.95, "now": 0.90})
+    many = reason_to_remap(state, None, 4, settings)
+    assert many is not None
+    assert (many.code, many.numbers) == (FindingCode.MANY_UNREGISTERED, {"unregistered": 4})
     # Tried when there were hardly fewer images: not again so soon.
     tried = state.model_copy(update={"mapped_images": 28})
     assert reason_to_remap(tried, 0.80, 10, settings) is None
@@ -147,13 +152,17 @@ def test_a_doubtful_model_of_all_images_does_not_replace_an_accepted_one_that_it
     stages = Stages(folder, kermit_dir, SfmSettings(gate=gate), Monitor())
     outcome = start_again(stages, state, priors, current, tmp_path / "next")
     assert not outcome.changed
-    assert "together is doubtful and no better, so the current one stays" in outcome.warnings[0]
+    kept, *reasons = outcome.warnings
+    assert kept.code is FindingCode.NEW_MODEL_DOUBTFUL
+    assert {reason.severity for reason in reasons} == {Severity.REJECTION}
 
     strict = gate.model_copy(update={"min_doubtful_match_support": 0.985})
     stages = Stages(folder, kermit_dir, SfmSettings(gate=strict), Monitor())
     outcome = start_again(stages, state, PosePriors(), current, tmp_path / "next")
     assert not outcome.changed
-    assert "together was rejected, so the current one stays: " in outcome.warnings[0]
+    kept, *reasons = outcome.warnings
+    assert kept.code is FindingCode.NEW_MODEL_REJECTED
+    assert {reason.severity for reason in reasons} == {Severity.REJECTION}
 
 
 def fold(model: pycolmap.Reconstruction, names: list[str], by: float = 0.01) -> None:

@@ -10,9 +10,9 @@ from PIL import Image
 from fvs_engine.errors import ReconstructionError
 from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.growing.reasons import UNMATCHED
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.reconstruction import Reconstruction
+from fvs_schema.findings import Finding, FindingCode
 
 
 @pytest.fixture
@@ -38,12 +38,11 @@ def test_strangers_and_collages_are_not_registered(
     assert update.registered == ()
     assert update.unregistered == tuple(misleading)
     collage, stranger = update.warnings
-    assert "collage.jpg is not registered" in collage
-    assert "match no other image: stranger-0.jpg. Photograph what lies between" in stranger
+    assert (collage.code, collage.images) == (FindingCode.POSE_UNSUPPORTED, ("collage.jpg",))
+    assert stranger == Finding.of(FindingCode.UNMATCHED, ["stranger-0.jpg"])
     why = growing.why_unregistered
     assert why.keys() == set(misleading)
-    assert why["collage.jpg"].startswith("Its pose was rejected: ")
-    assert why["stranger-0.jpg"] == UNMATCHED
+    assert why == {"collage.jpg": collage, "stranger-0.jpg": stranger}
     assert growing.generation == 1
 
 

@@ -15,6 +15,7 @@ from fvs_engine.sfm.native.pose_uncertainty import centre_sigma, position_share,
 from fvs_engine.sfm.native.prior_pose import PoseProblem
 from fvs_engine.sfm.native.registration import register
 from fvs_engine.sfm.native.thresholds import POSES
+from fvs_schema.findings import Finding, FindingCode
 
 IMAGE, SEEN_BY = 12, 6
 NAME = f"{IMAGE - 1:02}.jpg"
@@ -78,7 +79,7 @@ def test_far_points_close_together_leave_a_position_uncertain():
     share = share_of(model, IMAGE)
     assert share is not None
     assert share > POSES.max_position_share
-    assert why_uncertain(share).endswith(f"uncertain by {share:.0%} of the spread of all positions")
+    assert why_uncertain(NAME, share) == Finding.of(FindingCode.POSE_UNCERTAIN, [NAME], share=share)
     certain = [share_of(model, other) for other in (1, 2, 23, 24)]
     assert all(other is not None and other < POSES.max_position_share for other in certain)
     model.transform(pycolmap.Sim3d(3.0, pycolmap.Rotation3d(), np.zeros(3)))
@@ -128,7 +129,7 @@ def test_growth_rejects_new_images_with_uncertain_positions(far: bool, tmp_path:
     rejected = check_new(model, tmp_path, [IMAGE])
     assert model.image(IMAGE).has_pose == (not far)
     assert list(rejected) == ([NAME] if far else [])
-    assert all("position uncertain" in reason for reason in rejected.values())
+    assert all(reason.code is FindingCode.POSE_UNCERTAIN for reason in rejected.values())
 
 
 @pytest.mark.parametrize("order", [[12, 13, 14], [14, 13, 12]])
@@ -156,7 +157,8 @@ def test_an_image_that_a_rejection_leaves_with_too_few_points_is_rejected(
     monkeypatch.setattr("fvs_engine.sfm.native.registration.position_share", share)
     rejected = check_new(model, tmp_path, [IMAGE + 1, IMAGE])
     assert list(rejected) == [NAME, f"{IMAGE:02}.jpg"]
-    assert rejected[f"{IMAGE:02}.jpg"] == "its matches do not determine its position"
+    left = f"{IMAGE:02}.jpg"
+    assert rejected[left] == Finding.of(FindingCode.POSE_UNDETERMINED, [left])
 
 
 def test_a_contradicted_image_is_named_with_what_contradicts_it(tmp_path: Path):
@@ -165,7 +167,7 @@ def test_a_contradicted_image_is_named_with_what_contradicts_it(tmp_path: Path):
     growth.mapper.end_reconstruction(False)
     model.frame(model.image(IMAGE).frame_id).rig_from_world = rigid_to_pycolmap(true_poses()["00.jpg"])
     growth.check_new()
-    assert "verified matches fit its estimated pose" in growth.rejected[NAME]
+    assert growth.rejected[NAME].code is FindingCode.POSE_UNSUPPORTED
 
 
 def test_the_job_rejects_an_uncertain_image(tmp_path: Path):
@@ -186,5 +188,5 @@ def test_the_job_rejects_an_uncertain_image(tmp_path: Path):
         lambda _: None,
     )
     assert answer.registered == ()
-    assert "position uncertain" in answer.rejected[NAME]
+    assert answer.rejected[NAME].code is FindingCode.POSE_UNCERTAIN
     assert NAME not in answer.posed

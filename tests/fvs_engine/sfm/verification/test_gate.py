@@ -15,8 +15,10 @@ from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import GateSettings
 from fvs_engine.sfm.verification.evidence import ModelEvidence
-from fvs_engine.sfm.verification.gate import PRIORS_IGNORED, Decision, JudgedModel, decide
+from fvs_engine.sfm.verification.gate import Decision, JudgedModel, decide
 from fvs_engine.sfm.verification.pair_check import MIN_PAIR_MATCHES
+from fvs_engine.wording import sentence
+from fvs_schema.findings import Finding, FindingCode, Severity
 
 SETTINGS = GateSettings()
 NAMES = [f"{i}.jpg" for i in range(12)]
@@ -69,6 +71,10 @@ def test_more_registered_images_do_not_win():
     assert decision.chosen == 1
 
 
+def _codes(findings: tuple[Finding, ...]) -> list[FindingCode]:
+    return [finding.code for finding in findings]
+
+
 def test_the_larger_of_two_right_models_wins():
     partial = JudgedModel("incremental", dict(list(centres().items())[:6]), evidence(pairs=15, matches=1500))
     decision = decide([partial, model("global", match_support=0.965)], SETTINGS)
@@ -81,7 +87,7 @@ def test_weak_support_needs_a_second_mapper_and_warns_loudly():
     both = decide([model("incremental", match_support=0.87), model("global", match_support=0.86)], SETTINGS)
     assert both.chosen == 0
     assert both.judgements[0].verdict == "doubtful"
-    assert "DOUBTFUL" in both.warnings[0]
+    assert {warning.severity for warning in both.warnings} == {Severity.DOUBT}
 
 
 def test_a_model_with_a_wrong_focal_length_must_be_confirmed_for_its_directions():
@@ -89,7 +95,8 @@ def test_a_model_with_a_wrong_focal_length_must_be_confirmed_for_its_directions(
     squeezed = {"match_support": 0.901, "rotation_support": 0.941, "translation_support": 0.215}
     alone = decide([model("incremental", **squeezed)], SETTINGS)
     assert alone.chosen is None
-    assert any("21.5% of the independent directions" in reason for reason in alone.judgements[0].reasons)
+    assert _codes(alone.judgements[0].reasons) == [FindingCode.DIRECTION_SUPPORT, FindingCode.UNCONFIRMED]
+    assert alone.judgements[0].reasons[0].numbers == {"support": 0.215}
     beside_the_right_one = decide([model("incremental", **squeezed), model("global", 1)], SETTINGS)
     assert [judged.verdict for judged in beside_the_right_one.judgements] == ["rejected", "accepted"]
     assert beside_the_right_one.warnings == ()
@@ -100,13 +107,15 @@ def test_weak_directions_are_usable_when_another_mapper_confirms_the_model():
     decision = decide(both, SETTINGS)
     assert decision.chosen is not None
     assert decision.judgements[decision.chosen].verdict == "doubtful"
-    assert "two mappers agree" in decision.warnings[0]
+    weak, confirmed = decision.warnings
+    assert weak.code is FindingCode.DIRECTION_SUPPORT
+    assert confirmed.texts == {"source": "another mapper"}
 
 
 def test_gps_confirms_as_another_mapper_does_but_saves_nobody():
     near = decide([model("global", match_support=0.87, prior_residual_share=0.08)], SETTINGS)
     assert near.judgements[0].verdict == "doubtful"
-    assert "GPS" in near.warnings[0]
+    assert near.warnings[1].texts == {"source": "GPS"}
     vague = decide([model("global", match_support=0.87, prior_residual_share=0.2)], SETTINGS)
     assert vague.chosen is None
     unsupported = decide([model("global", match_support=0.8, prior_residual_share=0.01)], SETTINGS)
@@ -139,20 +148,19 @@ def test_equally_supported_models_that_contradict_are_doubtful():
 @pytest.mark.parametrize(
     ("changes", "reason"),
     [
-        ({"rotation_support": 0.6}, "relative rotations"),
-        ({"unsupported_images": tuple(NAMES[:3])}, "contradict the poses"),
-        ({"prior_residual_share": 0.5}, "50% of the track"),
-        ({"prior_residual_share": 0.5, "prior_support": 0.8}, "50% of the track"),
-        (
-            {"misplaced_images": tuple(NAMES[:5]), "prior_support": 0.8},
-            "5 of its 12 images are far from their position priors: 0.jpg",
-        ),
+        ({"rotation_support": 0.6}, FindingCode.ROTATION_SUPPORT),
+        ({"unsupported_images": tuple(NAMES[:3])}, FindingCode.CONTRADICTED_POSES),
+        ({"prior_residual_share": 0.5}, FindingCode.CENTRES_OFF_PRIORS),
+        ({"prior_residual_share": 0.5, "prior_support": 0.8}, FindingCode.CENTRES_OFF_PRIORS),
+        ({"misplaced_images": tuple(NAMES[:5]), "prior_support": 0.8}, FindingCode.FAR_FROM_PRIORS),
     ],
 )
-def test_each_kind_of_evidence_can_reject_alone(changes: dict[str, object], reason: str):
+def test_each_kind_of_evidence_can_reject_alone(changes: dict[str, object], reason: FindingCode):
     decision = decide([model("incremental", **changes)], SETTINGS)
     assert decision.chosen is None
-    assert any(reason in sentence for sentence in decision.judgements[0].reasons)
+    (found,) = decision.judgements[0].reasons
+    assert (found.code, found.severity) == (reason, Severity.REJECTION)
+    assert found.images == tuple(changes.get("unsupported_images", changes.get("misplaced_images", ())))
 
 
 @pytest.mark.parametrize(
@@ -161,7 +169,7 @@ def test_each_kind_of_evidence_can_reject_alone(changes: dict[str, object], reas
 def test_priors_that_the_pairs_contradict_too_reject_no_model(contradiction: dict[str, object]):
     decision = decide([model("incremental", prior_support=0.3, **contradiction)], SETTINGS)
     assert decision.judgements[0].verdict == "accepted"
-    assert decision.warnings == (PRIORS_IGNORED,)
+    assert decision.warnings == (Finding.of(FindingCode.POSITIONS_IGNORED),)
 
 
 def test_priors_that_the_pairs_contradict_confirm_no_model():
@@ -177,7 +185,7 @@ FEW = tuple(NAMES[:2])
 def test_images_that_few_matches_join_are_doubtful_and_need_no_second_mapper():
     decision = decide([model("incremental", loosely_linked_images=FEW)], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
-    assert "0.jpg, 1.jpg" in decision.warnings[0]
+    assert decision.warnings == (Finding.of(FindingCode.LOOSELY_LINKED, FEW, Severity.DOUBT),)
 
 
 def test_gps_ends_the_doubt_about_few_matches():
@@ -191,8 +199,7 @@ def test_gps_says_nothing_of_images_without_it(weakness: str):
     gps = {"prior_residual_share": 0.02, "images_without_prior": NAMES[1:5]}
     decision = decide([model("incremental", **gps, **{weakness: FEW})], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
-    assert "1.jpg" in decision.warnings[0]
-    assert "0.jpg" not in decision.warnings[0]
+    assert decision.warnings[0].images == ("1.jpg",)
     decision = decide([model("incremental", **gps, **{weakness: FEW[:1]})], SETTINGS)
     assert decision.judgements[0].verdict == "accepted"
 
@@ -202,7 +209,7 @@ def test_images_that_matches_contradict_are_doubtful_where_gps_confirms_them():
     gps = {"prior_residual_share": 0.03, "unsupported_images": NAMES[:4]}
     (judgement,) = decide([model("incremental", **gps)], SETTINGS).judgements
     assert judgement.verdict == "doubtful"
-    assert "4 of its" in judgement.reasons[0]
+    assert (len(judgement.reasons[0].images), judgement.reasons[0].numbers) == (4, {"of": 12})
     elsewhere = decide([model("incremental", images_without_prior=NAMES[:4], **gps)], SETTINGS)
     assert elsewhere.judgements[0].verdict == "rejected"
     far = decide([model("incremental", **gps | {"prior_residual_share": 0.15})], SETTINGS)
@@ -212,16 +219,17 @@ def test_images_that_matches_contradict_are_doubtful_where_gps_confirms_them():
 def test_a_model_with_distances_that_depths_contradict_is_never_accepted():
     many = decide([model("incremental", misscaled_images=NAMES[:3])], SETTINGS)
     assert many.chosen is None
-    assert "contradict the distance of 0.jpg, 1.jpg, 2.jpg" in many.judgements[0].reasons[0]
+    wrong = FindingCode.WRONG_DISTANCE
+    assert many.judgements[0].reasons == (Finding.of(wrong, NAMES[:3], Severity.REJECTION),)
     one = decide([model("incremental", misscaled_images=NAMES[:1], prior_residual_share=0.05)], SETTINGS)
     assert one.judgements[0].verdict == "doubtful"
-    assert "contradict the distance of 0.jpg" in one.warnings[0]
+    assert one.warnings == (Finding.of(wrong, NAMES[:1], Severity.DOUBT),)
 
 
 def test_distances_that_nothing_confirms_are_doubtful_unless_gps_does():
     decision = decide([model("incremental", unscaled_images=FEW)], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
-    assert "Hardly any feature of 0.jpg, 1.jpg is seen in two other images" in decision.warnings[0]
+    assert decision.warnings == (Finding.of(FindingCode.UNKNOWN_DISTANCE, FEW, Severity.DOUBT),)
     decision = decide([model("incremental", unscaled_images=FEW, prior_residual_share=0.05)], SETTINGS)
     assert decision.judgements[0].verdict == "accepted"
 
@@ -233,7 +241,7 @@ def test_images_that_should_show_the_same_and_do_not_are_doubtful_unless_gps_con
     conflicting = (("0.jpg", "5.jpg"),)
     decision = decide([model("incremental", conflicting_views=conflicting)], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
-    assert "0.jpg and 5.jpg should overlap" in decision.warnings[0]
+    assert sentence(decision.warnings[0]).startswith("DOUBTFUL CAMERAS: 0.jpg and 5.jpg should overlap")
     gps = {"prior_residual_share": 0.05, "images_without_prior": tuple(without_prior)}
     decision = decide([model("incremental", conflicting_views=conflicting, **gps)], SETTINGS)
     assert decision.judgements[0].verdict == verdict
@@ -242,8 +250,8 @@ def test_images_that_should_show_the_same_and_do_not_are_doubtful_unless_gps_con
 def test_an_unlikely_focal_length_is_doubtful_unless_gps_confirms_the_model():
     decision = decide([model("incremental", unlikely_focal_lengths_px=(96.9,))], SETTINGS)
     assert decision.judgements[0].verdict == "doubtful"
-    assert "97 px" in decision.warnings[0]
-    assert "from the side" in decision.warnings[0]
+    assert decision.warnings[0].code is FindingCode.UNLIKELY_FOCAL_LENGTH
+    assert decision.warnings[0].texts == {"focal_px": "97"}
     gps = model("incremental", unlikely_focal_lengths_px=(96.9,), prior_residual_share=0.05)
     assert decide([gps], SETTINGS).judgements[0].verdict == "accepted"
 

@@ -9,6 +9,7 @@ from scipy.spatial.transform import Rotation
 from fvs_engine.geometry import SimilarityTransform
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
 from fvs_engine.sfm.verification.positions import contradict, misplaced, residual_share, usable_priors
+from fvs_schema.findings import Finding, FindingCode
 
 WORLD_FROM_MODEL = SimilarityTransform(
     3.0, Rotation.from_rotvec([0.4, -1.1, 0.7]).as_matrix(), np.array([5.0, -2.0, 9.0])
@@ -106,7 +107,6 @@ def test_the_positions_of_a_frozen_receiver_are_not_used(tmp_path: Path):
     frozen = places | dict.fromkeys(["06", "07", "08"], places["05"])
     usable, warnings = usable_priors(priors(frozen), tmp_path / "unread.db")
     assert sorted(usable.by_name) == ["00", "01", "02", "03", "04"]
-    assert len(warnings) == 1
-    assert "4 of 9 images" in warnings[0]
+    assert warnings == (Finding.of(FindingCode.FROZEN_POSITIONS, frozen=4, of=9, others=2),)
     twice = priors(places | {"06": places["05"]})
     assert usable_priors(twice, tmp_path / "unread.db") == (twice, ())

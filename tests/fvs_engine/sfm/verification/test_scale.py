@@ -17,6 +17,7 @@ from fvs_engine.sfm.settings import GateSettings
 from fvs_engine.sfm.verification.evidence import ModelEvidence
 from fvs_engine.sfm.verification.gate import JudgedModel, Judgement, decide
 from fvs_engine.sfm.verification.scale import DepthRatio, Scale, depth_ratios
+from fvs_schema.findings import Finding, FindingCode
 
 COUNT = 12
 NAMES = {i + 1: f"{i:02}.jpg" for i in range(COUNT)}
@@ -92,7 +93,7 @@ def test_a_row_whose_last_third_is_shifted_is_rejected_by_name_though_all_pairs_
     assert evidence.unsupported_images == ()
     assert evidence.misscaled_images == LAST_THIRD
     assert judgement.verdict == "rejected"
-    assert "08.jpg" in judgement.reasons[0]
+    assert "08.jpg" in judgement.reasons[0].images
 
 
 @pytest.mark.parametrize("place", [0, 5, 11])
@@ -113,9 +114,7 @@ def test_a_scale_of_the_whole_is_no_contradiction():
 def test_a_new_image_that_slid_along_the_row_is_contradicted_and_no_right_one():
     check = PoseCheck(*photographed(4), 0.75, PosePriors())
     slid = model([x + (0.4 if i == 11 else 0.0) for i, x in enumerate(RIGHT)])
-    assert (
-        check.contradiction(slid, 12) == "features seen in three images contradict its distance to the others"
-    )
+    assert check.contradiction(slid, 12) == Finding.of(FindingCode.POSE_AT_WRONG_DISTANCE, ["11.jpg"])
     right = model(RIGHT)
     assert [check.contradiction(right, i) for i in NAMES] == COUNT * [None]
     assert check.unscaled(right, list(NAMES.values())) == []

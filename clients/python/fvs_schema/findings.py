@@ -1,0 +1,120 @@
+"""Findings: what structure from motion, training, rankings and plans have to say about themselves."""
+
+from collections.abc import Iterable
+
+from pydantic import Field
+
+from fvs_schema.base import Model
+from fvs_schema.words import Word
+
+
+class Severity(Word):
+    """What a finding means for its result."""
+
+    NOTE = "note"
+    """It explains what happened."""
+    WARNING = "warning"
+    """It limits the use of the result."""
+    DOUBT = "doubt"
+    """The model is used, and its cameras may be wrong."""
+    REJECTION = "rejection"
+    """It is the reason why a model was not used."""
+
+
+class FindingCode(Word):
+    """The kind of a finding, for programs. Its sentence and its hint are in ``fvs_engine.wording``."""
+
+    NO_FEATURES = "no-features"
+    FEW_FEATURES = "few-features"
+    UNCALIBRATED = "uncalibrated"
+
+    NO_PAIRS = "no-pairs"
+    MATCH_SUPPORT = "match-support"
+    ROTATION_SUPPORT = "rotation-support"
+    DIRECTION_SUPPORT = "direction-support"
+    CONTRADICTED_POSES = "contradicted-poses"
+    WEAK_POSES = "weak-poses"
+    WRONG_DISTANCE = "wrong-distance"
+    UNKNOWN_DISTANCE = "unknown-distance"
+    LOOSELY_LINKED = "loosely-linked"
+    CONFLICTING_VIEWS = "conflicting-views"
+    UNLIKELY_FOCAL_LENGTH = "unlikely-focal-length"
+    FAR_FROM_PRIORS = "far-from-priors"
+    CENTRES_OFF_PRIORS = "centres-off-priors"
+    UNCONFIRMED = "unconfirmed"
+    HARDLY_CONFIRMED = "hardly-confirmed"
+    CONFIRMED_BY_POSITIONS = "confirmed-by-positions"
+    RIVAL_MODEL = "rival-model"
+
+    POSITIONS_IGNORED = "positions-ignored"
+    ORIENTATIONS_IGNORED = "orientations-ignored"
+    FROZEN_POSITIONS = "frozen-positions"
+
+    POSE_UNSUPPORTED = "pose-unsupported"
+    POSE_AT_WRONG_DISTANCE = "pose-at-wrong-distance"
+    POSE_FAR_FROM_PRIOR = "pose-far-from-prior"
+    POSE_UNCERTAIN = "pose-uncertain"
+    POSE_UNDETERMINED = "pose-undetermined"
+    LOOK_ALIKE_PLACE = "look-alike-place"
+    UNMATCHED = "unmatched"
+    FEW_POINTS = "few-points"
+    UNREGISTERED = "unregistered"
+    SEPARATE_MODEL = "separate-model"
+    POSES_LOST = "poses-lost"
+    LEFT_OUT = "left-out"
+    QUARANTINED = "quarantined"
+    NO_IMAGE_OF_CAMERA = "no-image-of-camera"
+
+    SUPPORT_FELL = "support-fell"
+    MANY_UNREGISTERED = "many-unregistered"
+    REMAPPED = "remapped"
+    NO_BETTER_MODEL = "no-better-model"
+    NEW_MODEL_REJECTED = "new-model-rejected"
+    NEW_MODEL_DOUBTFUL = "new-model-doubtful"
+    NEW_MODEL_UNALIGNED = "new-model-unaligned"
+
+    VIEWS_WITHOUT_PHOTOGRAPH = "views-without-photograph"
+    PHOTOGRAPHS_WITHOUT_POSE = "photographs-without-pose"
+    UNUSABLE_PHOTOGRAPH = "unusable-photograph"
+
+    FEW_STARTS = "few-starts"
+    ALREADY_TRAINED = "already-trained"
+    NONE_HELD_OUT = "none-held-out"
+    LITTLE_MEMORY = "little-memory"
+    RUN_FAILED = "run-failed"
+
+
+class Finding(Model):
+    """One finding: its ``code``, the images that it is about, and the numbers and words of its sentence."""
+
+    code: FindingCode
+    """The kind, stable, for programs."""
+    severity: Severity = Severity.WARNING
+    """What it means for the result."""
+    images: tuple[str, ...] = ()
+    """The images that it is about; of conflicting views, the two of each pair one after the other."""
+    numbers: dict[str, float] = Field(default={})
+    """Its numbers, by name."""
+    texts: dict[str, str] = Field(default={})
+    """Its other data, by name: a stage, a mapper, a file."""
+
+    def with_severity(self, severity: Severity) -> "Finding":
+        """The same finding with another meaning for its result."""
+        return self.model_copy(update={"severity": severity})
+
+    @classmethod
+    def of(
+        cls,
+        code: FindingCode,
+        images: Iterable[str] = (),
+        severity: Severity = Severity.WARNING,
+        **data: float | str,
+    ) -> "Finding":
+        """The finding with its ``data``: numbers and texts."""
+        return cls(
+            code=code,
+            severity=severity,
+            images=tuple(images),
+            numbers={name: value for name, value in data.items() if not isinstance(value, str)},
+            texts={name: value for name, value in data.items() if isinstance(value, str)},
+        )
