@@ -28,7 +28,7 @@ import numpy as np
 from fvs_client import Client, EventKind, Job, Scene
 from fvs_client.errors import JobFailedError
 from fvs_service.host.protocol.messages import StageProgress
-from fvs_service.host.worker.progress import RemainingTime
+from fvs_service.host.worker.progress import JobProgress
 from fvs_service.jobs.stages import JobSize, stage_of_job
 from fvs_service.jobs.timing import JobTiming
 from fvs_service.serving.running import running_service
@@ -225,7 +225,7 @@ def replayed(recordings: list[Recording]) -> list[Recording]:
         kind = JobKind.FINE if one.job == "fine" else JobKind.UPDATE
         size, clock = JobSize.model_validate(one.size), ReplayedClock()
         known = past.setdefault((kind, size.first), [])
-        remaining = RemainingTime(kind, size, known[::-1], clock=clock)
+        remaining = JobProgress(kind, size, known[::-1], clock=clock)
         estimates = []
         for estimate in one.estimates:
             while clock.now_s + _REPORT_EVERY_S < estimate.at_s and estimates:

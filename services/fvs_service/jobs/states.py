@@ -4,27 +4,29 @@ A *job* is what a client asked for. An *attempt* at it begins when it is submitt
 the job succeeds, fails or is canceled; attempts are numbered from 1. A *turn* is the time for which a worker
 has the job: an attempt has as many as it needs, because other jobs have theirs in between.
 
-          submit                                 retry: attempt + 1
-        ╲ client                     ┌──────────────────────────────── client ┐
-     ┌───▼──────┐                    │                                        │
-     │  queued  ◀────────────────────┘                                        │
-     └───┬────┬─┘                                                             │
-   start │    │ cancel: client, at once                    ┌────────────┐     │
-  worker │    └────────────────────────────────────────────▶  canceled  ├─────┤
-     ┌───▼──────┐  cancel: worker; client, while it waits  │            │     │
-     │ running  ├──────────────────────────────────────────▶            │     │
-     └─┬─┬──┬───┘                                          └────────────┘     │
-       │ │  │ fail: worker    ┌──────────┐                                    │
-       │ │  └─────────────────▶  failed  ├────────────────────────────────────┘
-       │ │                    └──────────┘
-       │ │ succeed: worker    ┌───────────┐
-       │ └────────────────────▶ succeeded │
-       │                      └───────────┘
-       └─ start again: worker, after a process died: it is running still
+              submit: client
+                    │
+              ┌─────▼─────┐   cancel: client, at once
+    ┌────────▶│  queued   ├──────────────────────────┐
+    │         └─────┬─────┘                          │
+    │               │ start: worker                  │
+    │         ┌─────▼─────┐   cancel: worker,        │
+    │         │  running  ├──────────────────────────┤
+    │         └─┬───────┬─┘   or client while it     │
+    │           │       │     waits for a turn       │
+    │   succeed:│       │fail:                       │
+    │   worker  │       │worker                      │
+    │   ┌───────▼───┐ ┌─▼────────┐           ┌───────▼────┐
+    │   │ succeeded │ │  failed  │           │  canceled  │
+    │   └───────────┘ └─┬────────┘           └───────┬────┘
+    └───────────────────┴────────────────────────────┘
+                          retry: client, attempt + 1
+
+Where a process died, a worker starts a running job again: it is running still.
 
 While it is queued or running, it waits for a turn or is in one:
 
-     waits ── take: worker ──▶ in a turn ── put back: worker; reaper, for a worker that died ──▶ waits
+    waits ── take: worker ──▶ in a turn ── put back: worker, or reaper for one that died ──▶ waits
 
 A worker starts and ends a job by the lease of its scene, whose token fences each of these moves (``Ledger``):
 it may do so also when others think that it is dead.
@@ -88,14 +90,6 @@ class Status(NamedTuple):
     in_turn: bool
 
 
-class TurnEffect(Enum):
-    """What a move does to the turn."""
-
-    BEGINS = "begins"
-    STAYS = "stays"
-    ENDS = "ends"
-
-
 _QUEUED = frozenset({Status(JobState.QUEUED, False), Status(JobState.QUEUED, True)})
 _RUNNING = frozenset({Status(JobState.RUNNING, False), Status(JobState.RUNNING, True)})
 _OPEN = _QUEUED | _RUNNING
@@ -106,35 +100,30 @@ _REPEATABLE = frozenset({Status(JobState.FAILED, False), Status(JobState.CANCELE
 
 @dataclass(frozen=True)
 class _Rule:
-    """Who may make a move from where, the state that it leads to (None: the same), and the event about it."""
+    """Who may make a move from where, where it leads to (None: stays the same), and the event about it."""
 
     sources: Mapping[Mover, frozenset[Status]]
-    target: JobState | None
-    turn: TurnEffect
+    state: JobState | None
+    in_turn: bool | None
     event: EventKind | None = None
-
-    def after(self, status: Status) -> Status:
-        """The status after the move."""
-        in_turn = status.in_turn if self.turn is TurnEffect.STAYS else self.turn is TurnEffect.BEGINS
-        return Status(self.target or status.state, in_turn)
 
 
 class Move(Enum):
     """What changes a job's state, or its turn."""
 
-    TAKE = _Rule({Mover.WORKER: _WAITS}, None, TurnEffect.BEGINS)
-    PUT_BACK = _Rule({Mover.WORKER: _IN_TURN, Mover.REAPER: _IN_TURN}, None, TurnEffect.ENDS)
-    START = _Rule({Mover.WORKER: _QUEUED}, JobState.RUNNING, TurnEffect.BEGINS, EventKind.JOB_STARTED)
-    START_AGAIN = _Rule({Mover.WORKER: _RUNNING}, JobState.RUNNING, TurnEffect.STAYS)
-    SUCCEED = _Rule({Mover.WORKER: _RUNNING}, JobState.SUCCEEDED, TurnEffect.ENDS, EventKind.JOB_SUCCEEDED)
-    FAIL = _Rule({Mover.WORKER: _RUNNING}, JobState.FAILED, TurnEffect.ENDS, EventKind.JOB_FAILED)
+    TAKE = _Rule({Mover.WORKER: _WAITS}, None, True)
+    PUT_BACK = _Rule({Mover.WORKER: _IN_TURN, Mover.REAPER: _IN_TURN}, None, False)
+    START = _Rule({Mover.WORKER: _QUEUED}, JobState.RUNNING, True, EventKind.JOB_STARTED)
+    START_AGAIN = _Rule({Mover.WORKER: _RUNNING}, JobState.RUNNING, None)
+    SUCCEED = _Rule({Mover.WORKER: _RUNNING}, JobState.SUCCEEDED, False, EventKind.JOB_SUCCEEDED)
+    FAIL = _Rule({Mover.WORKER: _RUNNING}, JobState.FAILED, False, EventKind.JOB_FAILED)
     CANCEL = _Rule(
         {Mover.CLIENT: _QUEUED | _WAITS, Mover.WORKER: _RUNNING},
         JobState.CANCELED,
-        TurnEffect.ENDS,
+        False,
         EventKind.JOB_CANCELED,
     )
-    RETRY = _Rule({Mover.CLIENT: _REPEATABLE}, JobState.QUEUED, TurnEffect.ENDS, EventKind.JOB_QUEUED)
+    RETRY = _Rule({Mover.CLIENT: _REPEATABLE}, JobState.QUEUED, False, EventKind.JOB_QUEUED)
 
 
 def move(
@@ -153,7 +142,7 @@ def move(
         .returning(JobRow)
         .execution_options(populate_existing=True)
     ).all()
-    if rows and rule.turn is TurnEffect.ENDS:
+    if rows and rule.in_turn is False:
         announce(session, Topic.JOBS)  # it waits again, or another one may have its place
     for row in rows:
         if rule.event is not None:
@@ -218,14 +207,15 @@ def _new_attempt(kind: JobKind) -> dict[str, Any]:
 
 def _columns_after(rule: _Rule) -> dict[str, Any]:
     """The columns that every job has after a move by this rule."""
-    values: dict[str, Any] = {} if rule.target is None else {"state": rule.target.value}
-    ended = rule.target is not None and rule.target.ended
-    if rule.turn is TurnEffect.BEGINS:
-        values |= {"taken_at_ms": now_ms()}
-    elif rule.turn is TurnEffect.ENDS:
-        values |= {"worker_id": None} if ended else {"worker_id": None, "waiting_since_ms": now_ms()}
-    if ended:
-        values |= {"eta_s": None, "finished_at": now(), "cancel_requested": False}
+    values: dict[str, Any] = {}
+    if rule.in_turn is not None:
+        values |= {"taken_at_ms": now_ms()} if rule.in_turn else {"worker_id": None}
+    if rule.in_turn is False:
+        values["waiting_since_ms"] = now_ms()
+    if rule.state is not None:
+        values["state"] = rule.state.value
+        if rule.state.ended:
+            values |= {"eta_s": None, "finished_at": now(), "cancel_requested": False}
     return values
 
 
@@ -238,27 +228,19 @@ def _is(status: Status) -> ColumnElement[bool]:
 
 
 def _report(session: Session, row: JobRow, kind: EventKind) -> None:
-    """Publish the event about a move, and log the beginning and the end of an attempt."""
+    """Publish the event about a move, and log that a job waits or has ended."""
     job = to_job(row)
-    data: Mapping[str, Any] = {"job_id": job.id, "attempt": job.attempt}
-    if kind is EventKind.JOB_QUEUED:
-        data = {**data, "kind": job.kind.value}
-        after_commit(session, lambda: _log.info("job queued", **_fields(job)))
+    about = {"job": job.id, "scene": job.scene_id, "kind": job.kind.value, "attempt": job.attempt}
+    data: dict[str, Any] = {"job_id": job.id, "attempt": job.attempt}
+    if job.state is JobState.QUEUED:
+        data["kind"] = job.kind.value
+        after_commit(session, lambda: _log.info("job queued", **about))  # with the id of the request
     elif job.state.ended:
-        delete_progress(session, job.id)
         data = {"job_id": job.id, "error": row.error, "snapshot_id": job.snapshot_id}
-        after_commit(session, lambda: _log.info("job ended", **_fields(job), **_end_of(job)))
+        delete_progress(session, job.id)
+        ran_s = None
+        if job.started_at is not None and job.finished_at is not None:
+            ran_s = round((job.finished_at - job.started_at).total_seconds(), 3)
+        end = {"state": job.state.value, "seconds": ran_s, "error": job.error and job.error.code}
+        after_commit(session, lambda: _log.info("job ended", **about, **end))
     publish(session, job.scene_id, kind, data)
-
-
-def _fields(job: Job) -> Mapping[str, Any]:
-    """The fields of a line of the log; that about a queued job has the ``request_id`` of its request."""
-    return {"job": job.id, "scene": job.scene_id, "kind": job.kind.value, "attempt": job.attempt}
-
-
-def _end_of(job: Job) -> Mapping[str, Any]:
-    seconds = None
-    if job.started_at is not None and job.finished_at is not None:
-        seconds = round((job.finished_at - job.started_at).total_seconds(), 3)
-    error = None if job.error is None else job.error.code
-    return {"state": job.state.value, "seconds": seconds, "error": error}

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 
 import pytest
 from fvs_service.host.protocol.messages import StageProgress
-from fvs_service.host.worker.progress import JobProgress, RemainingTime
+from fvs_service.host.worker.progress import JobProgress
 from fvs_service.jobs.stages import JobSize
 from fvs_service.jobs.timing import JobTiming, expected_seconds
 
@@ -31,7 +31,7 @@ class Clock:
         return self.now_s
 
 
-def _life(remaining: RemainingTime, clock: Clock, seconds: dict[str, float]) -> Iterator[tuple[float, float]]:
+def _life(remaining: JobProgress, clock: Clock, seconds: dict[str, float]) -> Iterator[tuple[float, float]]:
     """The time left and its estimate, twice a second through a job."""
     end = clock.now_s + sum(seconds.values())
     for stage, took in seconds.items():
@@ -51,7 +51,7 @@ def _life(remaining: RemainingTime, clock: Clock, seconds: dict[str, float]) -> 
 def _errors(past: tuple[JobTiming, ...], seconds: dict[str, float], size: JobSize = _SIZE) -> list[float]:
     clock = Clock()
     total = sum(seconds.values())
-    remaining = RemainingTime(JobKind.UPDATE, size, past, clock=clock)
+    remaining = JobProgress(JobKind.UPDATE, size, past, clock=clock)
     said = [(left, estimate) for left, estimate in _life(remaining, clock, seconds) if left < 0.9 * total]
     return [abs(estimate - left) / left for left, estimate in said if left > 1]
 
@@ -98,7 +98,7 @@ def test_a_faster_or_slower_machine_is_noticed(times: float) -> None:
 
 def test_one_stage_that_takes_long_does_not_make_the_end_jump() -> None:
     clock = Clock()
-    remaining = RemainingTime(JobKind.UPDATE, _SIZE, _PAST, clock=clock)
+    remaining = JobProgress(JobKind.UPDATE, _SIZE, _PAST, clock=clock)
     said = list(_life(remaining, clock, {**_USUAL, "matching": 40.0}))
     total = sum(_USUAL.values()) + 30
     ends = [total - left + estimate for left, estimate in said]
@@ -107,7 +107,7 @@ def test_one_stage_that_takes_long_does_not_make_the_end_jump() -> None:
 
 def test_the_estimate_falls_in_a_stage_that_says_nothing() -> None:
     clock = Clock()
-    remaining = RemainingTime(JobKind.UPDATE, _SIZE, _PAST, clock=clock)
+    remaining = JobProgress(JobKind.UPDATE, _SIZE, _PAST, clock=clock)
     first = remaining.add(StageProgress(stage="training", share=None))
     clock.now_s += 30
     later = remaining.now()
@@ -118,7 +118,7 @@ def test_the_estimate_falls_in_a_stage_that_says_nothing() -> None:
 
 def test_a_resumed_job_is_not_thought_to_be_fast() -> None:
     clock = Clock()
-    remaining = RemainingTime(JobKind.UPDATE, _SIZE, _PAST, resumed=True, clock=clock)
+    remaining = JobProgress(JobKind.UPDATE, _SIZE, _PAST, resumed=True, clock=clock)
     for stage in ("features", "matching", "load"):
         remaining.add(StageProgress(stage=stage, share=1.0))
         clock.now_s += 0.1
@@ -130,7 +130,7 @@ def test_a_resumed_job_is_not_thought_to_be_fast() -> None:
 
 def test_without_past_jobs_nothing_is_said_at_first() -> None:
     clock = Clock()
-    remaining = RemainingTime(JobKind.FINE, _SIZE.model_copy(update={"first": False}), (), clock=clock)
+    remaining = JobProgress(JobKind.FINE, _SIZE.model_copy(update={"first": False}), (), clock=clock)
     assert remaining.now() is None
     remaining.add(StageProgress(stage="training", share=0.0))
     clock.now_s += 10
@@ -143,7 +143,7 @@ def test_without_past_jobs_nothing_is_said_at_first() -> None:
 def test_without_past_jobs_a_long_training_is_estimated_soon(resumed: bool) -> None:
     clock, started = Clock(), 0.02 if resumed else 0.0
     size = _SIZE.model_copy(update={"iterations": 100_000})
-    remaining = RemainingTime(JobKind.UPDATE, size, (), resumed=resumed, clock=clock)
+    remaining = JobProgress(JobKind.UPDATE, size, (), resumed=resumed, clock=clock)
     remaining.add(StageProgress(stage="training", share=started))
     for second in range(1, 11):
         clock.now_s += 1.0
@@ -168,7 +168,7 @@ def test_a_stage_that_most_jobs_skip_is_not_expected() -> None:
 
 def test_what_a_job_took_is_known_by_stage() -> None:
     clock = Clock()
-    remaining = RemainingTime(JobKind.UPDATE, _SIZE, (), clock=clock)
+    remaining = JobProgress(JobKind.UPDATE, _SIZE, (), clock=clock)
     list(_life(remaining, clock, _USUAL))
     timing = remaining.finished()
     assert timing is not None
@@ -178,7 +178,7 @@ def test_what_a_job_took_is_known_by_stage() -> None:
 
 @pytest.mark.parametrize("kind", JobKind)
 def test_progress_never_falls_and_reaches_the_end(kind: JobKind) -> None:
-    progress, reached = JobProgress(kind), [0.0]
+    progress, reached = JobProgress(kind, _SIZE.model_copy(update={"first": False}), ()), [0.0]
     stages = ("images", "first-model", "features", "matching", "incremental-mapping", "global-mapping")
     for stage in (*stages, "score", "load", "quick-training", "quick-snapshot", "training", "snapshot"):
         for share in (0.0, 0.5, 1.0, None):

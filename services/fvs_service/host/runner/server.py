@@ -43,19 +43,16 @@ from fvs_service.host.runner.request_queue import Requester, RequesterGoneError,
 from fvs_service.host.runner.scene_jobs import SceneJobs
 from fvs_service.host.runner.snapshot_models import SnapshotModels
 from fvs_service.rankings.port import (
-    GeneratedViews,
     GenerateViews,
     ModelRequest,
-    PlannedFlight,
     PlanViews,
-    RankedViews,
     RankViews,
     RenderView,
 )
 from fvs_service.settings import Settings
 from fvs_service.storage.blobs import Blobs
 
-RequestT = TypeVar("RequestT", RankViews, RenderView, GenerateViews, PlanViews)
+T = TypeVar("T")
 
 _log = logging.getLogger(__name__)
 
@@ -74,9 +71,8 @@ class RunnerServer:
         limits = settings.limits
         self._requests = RequestQueue(limits.rankings_queued_per_scene, limits.rankings_queued_per_key)
         self._job_running = threading.Lock()
-        self._job_thread = ThreadPoolExecutor(
-            1, "job"
-        )  # one for all jobs: the SfM child ends with its thread
+        # One for all jobs: the SfM child ends with its thread.
+        self._job_thread = ThreadPoolExecutor(1, "job")
         self._monitor: JobMonitor | None = None
         self._worker: Connection | None = None
         self._yielded = threading.Event()
@@ -126,15 +122,31 @@ class RunnerServer:
             case RankViews():
                 send = partial(_send_part, connection) if request.streamed else None
                 ranked, waited_s = self._ask(
-                    connection, request, request.method, len(request.views), self._rank, send
+                    connection,
+                    request,
+                    request.method,
+                    len(request.views),
+                    lambda model, monitor: rank_views(request, model, self._rasterizer, monitor),
+                    send,
                 )
                 return ranked.model_copy(update={"waited_s": waited_s})
             case RenderView():
-                return self._ask(connection, request, request.kind, 1, self._render)[0]
+                png, _ = self._ask(
+                    connection,
+                    request,
+                    request.kind,
+                    1,
+                    lambda model, _monitor: render_view(request, model, self._rasterizer),
+                )
+                return base64.b64encode(png).decode()
             case GenerateViews():
-                return self._ask(connection, request, request.kind, request.views.count, self._generate)[0]
+                return self._ask(
+                    connection, request, request.kind, request.views.count, partial(generate_views, request)
+                )[0]
             case PlanViews():
-                return self._ask(connection, request, request.kind, request.size, self._plan)[0]
+                return self._ask(
+                    connection, request, request.kind, request.size, partial(plan_views, request)
+                )[0]
             case RunJob():
                 return self._run_job(connection, request)
             case CancelJob():
@@ -166,46 +178,30 @@ class RunnerServer:
     def _ask(
         self,
         connection: Connection,
-        request: RequestT,
+        request: ModelRequest,
         kind: str,
         views: int,
-        compute: Callable[[RequestT, Monitor], Any],
+        compute: Callable[[SceneModel, Monitor], T],
         pass_on: Callable[[Sequence[Any]], object] | None = None,
-    ) -> tuple[Any, float]:
+    ) -> tuple[T, float]:
         """Compute a request in its turn; returns the answer and the seconds that it waited."""
+
+        def with_model(monitor: Monitor) -> T:
+            model = self._models.of_snapshot(request.snapshot_id)
+            monitor.check()
+            return compute(model, monitor)
+
         self._used = time.monotonic()
         key = request.model_dump_json(exclude={"api_key", "timeout_s", "streamed"})
-        task = Task(key, kind, views, lambda monitor: compute(request, monitor))
         requester = Requester(request.api_key, request.timeout_s, connection.ended, pass_on)
-        return self._requests.compute(task, requester)
-
-    def _rank(self, request: RankViews, monitor: Monitor) -> RankedViews:
-        return rank_views(request, self._model(request, monitor), self._rasterizer, monitor)
-
-    def _render(self, request: RenderView, monitor: Monitor) -> str:
-        png = render_view(request, self._model(request, monitor), self._rasterizer)
-        return base64.b64encode(png).decode()
-
-    def _generate(self, request: GenerateViews, monitor: Monitor) -> GeneratedViews:
-        return generate_views(request, self._model(request, monitor), monitor)
-
-    def _plan(self, request: PlanViews, monitor: Monitor) -> PlannedFlight:
-        return plan_views(request, self._model(request, monitor), monitor)
-
-    def _model(self, request: ModelRequest, monitor: Monitor) -> SceneModel:
-        model = self._models.of_snapshot(request.snapshot_id)
-        monitor.check()
-        return model
+        return self._requests.compute(Task(key, kind, views, with_model), requester)
 
     def _run_job(self, connection: Connection, request: RunJob) -> JobFinished:
         if not self._job_running.acquire(blocking=False):
             raise ConflictError("Another job is running.")
         try:
             self._worker = connection
-            self._monitor = JobMonitor(
-                partial(_send_part, connection),
-                self._requests,
-            )
+            self._monitor = JobMonitor(partial(_send_part, connection), self._requests)
             outcome = self._job_thread.submit(
                 self._jobs.run,
                 request,

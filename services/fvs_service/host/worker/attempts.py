@@ -19,7 +19,7 @@ from fvs_service.host.protocol.messages import JobOutcome, RunJob
 from fvs_service.host.worker.conversation import Conversation, StageSpans
 from fvs_service.host.worker.leased_scenes import LeasedScene, LeasedScenes
 from fvs_service.host.worker.outcomes import Canceled, Failed, LeftToAnother, Outcome, Paused, Succeeded
-from fvs_service.host.worker.progress import RemainingTime, size_of
+from fvs_service.host.worker.progress import JobProgress, size_of
 from fvs_service.host.worker.resources import Room
 from fvs_service.host.worker.stop import JobStop
 from fvs_service.host.worker.working_copies import WorkingCopies
@@ -118,7 +118,7 @@ class Attempts:
             snapshot_id=scene.snapshot_id,
             trains=Work.TRAINING in work_of(self._storage.settings.worker.work),
         )
-        remaining = self._remaining_time(job, images, first=scene.snapshot_id is None)
+        progress = self._progress(job, images, first=scene.snapshot_id is None)
         with StageSpans(self._storage.tracing) as spans:
             spans.came_to(Stage.RESTORE)
             self._copies.restore(job.scene_id)
@@ -128,7 +128,7 @@ class Attempts:
                 job,
                 request,
                 JobStop(self._storage, self._room, leased, job),
-                remaining,
+                progress,
                 spans,
                 lambda stage, made: self._commit(leased.lease, job, stage, made, images),
                 lambda: self._scenes.stopping,
@@ -140,7 +140,7 @@ class Attempts:
             spans.came_to(Stage.COMMIT)
             self._copies.store(leased.lease)
             self._commit(leased.lease, job, Stage.SNAPSHOT, made, images)
-        timing = remaining.finished()
+        timing = progress.finished()
         if timing is not None:
             document = timing.model_dump(mode="json")
             self._storage.ledger.commit_stage(leased.lease, job.id, TIMING_STAGE, document)
@@ -158,11 +158,11 @@ class Attempts:
             self._storage.ledger.commit_stage(scene.lease, job.id, stage, kept)
         return tuple(image for image in images if image.number <= kept["last_number"])
 
-    def _remaining_time(self, job: Job, images: tuple[Image, ...], *, first: bool) -> RemainingTime:
+    def _progress(self, job: Job, images: tuple[Image, ...], *, first: bool) -> JobProgress:
         size = size_of(job, images, first, self._storage.settings.worker)
         with self._storage.database.reading() as session:
             past = past_timings(session, job.kind, first)
-        return RemainingTime(job.kind, size, past, resumed=job.progress > 0)
+        return JobProgress(job.kind, size, past, resumed=job.progress > 0)
 
     def _commit(self, lease: Lease, job: Job, stage: str, made: JobOutcome, images: Sequence[Image]) -> None:
         with self._storage.database.reading() as session:

@@ -30,7 +30,7 @@ from fvs_service.host.protocol.messages import (
 )
 from fvs_service.host.worker.leased_scenes import LeasedScene
 from fvs_service.host.worker.outcomes import Failed, LeftToAnother, Outcome, Paused, StartAgain
-from fvs_service.host.worker.progress import JobProgress, RemainingTime
+from fvs_service.host.worker.progress import JobProgress
 from fvs_service.host.worker.stop import JobStop
 from fvs_service.images.exclusion import quarantine
 from fvs_service.images.files import with_original_names
@@ -74,13 +74,12 @@ class Conversation:
     job: Job
     request: RunJob
     stop: JobStop
-    remaining: RemainingTime
+    progress: JobProgress
     spans: StageSpans
     commit: Callable[[str, JobOutcome], object]
     stopping: Callable[[], bool]
 
     def __post_init__(self) -> None:
-        self._progress = JobProgress(self.job.kind)
         self._stage: Stage | None = None
         self._reported = time.monotonic()
         self._received: queue.Queue[_Received] = queue.Queue()
@@ -102,7 +101,7 @@ class Conversation:
                 case JobFinished():
                     if message.outcome is None:
                         return LeftToAnother(Work.TRAINING)
-                    self.remaining.add(StageProgress(stage=Stage.COMMIT, share=None))
+                    self.progress.add(StageProgress(stage=Stage.COMMIT, share=None))
                     return message.outcome
                 case Failure():
                     return self._outcome_of(message)
@@ -136,10 +135,9 @@ class Conversation:
         images, lease = self.request.images, self.scene.lease
         match message:
             case StageProgress(stage=stage):
-                self._progress.add(message)
                 self.spans.came_to(stage)
-                self._report(stage, self.remaining.add(message))
-                self.stop.came_to(self._progress.reached, new_stage=stage != self._stage, stage=stage)
+                self._report(stage, self.progress.add(message))
+                self.stop.came_to(self.progress.reached, new_stage=stage != self._stage, stage=stage)
                 self._stage = stage
             case ModelMade(name=name, outcome=made):
                 self._patiently(lambda: self.commit(f"{name}-snapshot-{self.job.attempt}", made))
@@ -154,11 +152,11 @@ class Conversation:
     def _report(self, stage: Stage, eta_s: float | None) -> None:
         self._reported = time.monotonic()
         with contextlib.suppress(StorageUnavailableError):  # the next report has it all
-            self.storage.ledger.report(self.scene.lease, self.job.id, stage, self._progress.reached, eta_s)
+            self.storage.ledger.report(self.scene.lease, self.job.id, stage, self.progress.reached, eta_s)
 
     def _report_silence(self) -> None:
         if self._stage is not None and time.monotonic() - self._reported > _REPORT_EVERY_S:
-            self._report(self._stage, self.remaining.now())
+            self._report(self._stage, self.progress.now())
 
     def _quarantine(self, reasons: dict[str, str]) -> None:
         with self.storage.database.writing(self.job.scene_id) as session:

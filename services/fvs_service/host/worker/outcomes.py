@@ -14,10 +14,11 @@ of recovery, each for what the one before it does not mend:
 from dataclasses import dataclass
 from typing import TypeAlias
 
+import structlog
 from sqlalchemy.exc import SQLAlchemyError
 
 from fvs_schema.jobs import JobFailure, WaitReason
-from fvs_service.errors import OutOfSpaceError, StaleLeaseError, StorageUnavailableError
+from fvs_service.errors import NotFoundError, OutOfSpaceError, StaleLeaseError, StorageUnavailableError
 from fvs_service.host.protocol.connection import RunnerGoneError
 from fvs_service.host.worker.leased_scenes import NoMemoryError
 from fvs_service.jobs.work import Work
@@ -25,6 +26,8 @@ from fvs_service.jobs.work import Work
 _PAUSE_S = 0.5
 _STORAGE_PAUSE_S = 2.0
 """Time between two starts while the database or the object store cannot be reached."""
+
+_log = structlog.get_logger()
 
 
 @dataclass(frozen=True)
@@ -80,7 +83,7 @@ Outcome: TypeAlias = Succeeded | Failed | Canceled | Paused | LeftToAnother | St
 
 
 def outcome_of(error: Exception) -> Outcome:
-    """What the error means for the attempt: its runner or the database died, or there is a defect."""
+    """What an error means for the attempt: its runner or the database died, or there is a defect."""
     match error:
         case NoMemoryError():
             return Paused(WaitReason.MEMORY)
@@ -90,19 +93,7 @@ def outcome_of(error: Exception) -> Outcome:
             return StartAgain(error.message, at_fault=False, pause_s=_PAUSE_S)
         case StorageUnavailableError():
             return StartAgain(error.message, at_fault=False, pause_s=_STORAGE_PAUSE_S)
-        case SQLAlchemyError():
-            return StartAgain(type(error).__name__, at_fault=False, pause_s=_PAUSE_S)
-        case RunnerGoneError():
+        case RunnerGoneError() | NotFoundError():  # the scene was deleted
             return StartAgain(str(error))
-        case _:
-            return StartAgain(type(error).__name__)
-
-
-EXPECTED = (
-    NoMemoryError,
-    OutOfSpaceError,
-    StaleLeaseError,
-    StorageUnavailableError,
-    RunnerGoneError,
-)
-"""The errors that are no defects: the log has their reasons alone."""
+    _log.exception("start failed", exc_info=error)
+    return StartAgain(type(error).__name__, at_fault=not isinstance(error, SQLAlchemyError))

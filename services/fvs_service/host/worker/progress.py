@@ -32,21 +32,6 @@ _LEAST_TRAINED_S = 5.0
 """Alternatively the time that it must have trained: iterations show their speed themselves."""
 
 
-class JobProgress:
-    """The progress of one attempt."""
-
-    def __init__(self, kind: JobKind) -> None:
-        self._kind = kind
-        self.reached = 0.0
-        """In [0, 1]; it never falls."""
-
-    def add(self, stage: StageProgress) -> None:
-        """Add the progress of a stage."""
-        start, end = stage_of_job(stage.stage).part_of(self._kind)
-        share = 0.0 if stage.share is None else min(1.0, max(0.0, stage.share))
-        self.reached = max(self.reached, start + share * (end - start))
-
-
 def size_of(job: Job, images: Sequence[Image], first: bool, settings: WorkerSettings) -> JobSize:
     """The size of a job on ``images``; ``first`` is whether the scene has no model yet."""
     fine = job.kind is JobKind.FINE
@@ -74,8 +59,8 @@ def size_of(job: Job, images: Sequence[Image], first: bool, settings: WorkerSett
     )
 
 
-class RemainingTime:
-    """Estimates the remaining time of an attempt from one of its starts.
+class JobProgress:
+    """The progress of an attempt since one of its starts, and an estimate of the remaining time.
 
     ``past`` are finished jobs like it, of any size; ``resumed``: an earlier start has done a part of it.
     """
@@ -89,6 +74,9 @@ class RemainingTime:
         resumed: bool = False,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
+        self._kind = kind
+        self.reached = 0.0
+        """In [0, 1]; it never falls."""
         self._own = bool(past)
         self._expected = expected_seconds(size, past or _TYPICAL[kind, size.first])
         self._clock = clock
@@ -102,8 +90,11 @@ class RemainingTime:
     def add(self, progress: StageProgress) -> float | None:
         """Record a stage's progress; returns the remaining time in seconds, None while unknown."""
         self._elapse()
+        stage = stage_of_job(progress.stage)
         share = 0.0 if progress.share is None else min(1.0, max(0.0, progress.share))
-        if stage_of_job(progress.stage).trains:
+        start, end = stage.part_of(self._kind)
+        self.reached = max(self.reached, start + share * (end - start))
+        if stage.trains:
             share **= _TRAIN_POWER
         if progress.stage != self._stage:
             self._stage, self._share_at_start = progress.stage, share if share < 1 else 0.0

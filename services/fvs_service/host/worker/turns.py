@@ -10,7 +10,6 @@ from fvs_service.errors import NotFoundError, OutOfSpaceError, StorageUnavailabl
 from fvs_service.host.worker.attempts import Attempts, record_end
 from fvs_service.host.worker.leased_scenes import LeasedScenes
 from fvs_service.host.worker.outcomes import (
-    EXPECTED,
     Canceled,
     Failed,
     LeftToAnother,
@@ -71,7 +70,7 @@ class Turns:
                 return Paused(WaitReason.DISK)
             return self._start(turn, starts)
         except Exception as error:
-            return self._outcome_of(error, turn)
+            return outcome_of(error)
 
     def _start(self, turn: Turn, starts: Starts) -> Outcome:
         """Start the attempt; the start counts unless what ended it is not the job's fault."""
@@ -79,7 +78,7 @@ class Turns:
         try:
             outcome = self._on_runner(turn)
         except Exception as error:
-            outcome = self._outcome_of(error, turn)
+            outcome = outcome_of(error)
         if isinstance(outcome, StartAgain) and self._over(turn):
             return outcome  # deleted perhaps, so that nothing may be written into its folder
         match outcome:
@@ -113,11 +112,6 @@ class Turns:
                 if job is not None:
                     record_end(self._storage.ledger, lease, job, outcome)
         return outcome
-
-    def _outcome_of(self, error: Exception, turn: Turn) -> Outcome:
-        if not isinstance(error, EXPECTED) and not (isinstance(error, NotFoundError) and self._over(turn)):
-            _log.exception("start failed")
-        return outcome_of(error)
 
     def _pause(self, turn: Turn, starts: Starts, again: StartAgain) -> None:
         count = starts.without_progress(self._progress(turn))
