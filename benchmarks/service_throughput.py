@@ -26,7 +26,7 @@ from typing import Any
 
 import psycopg
 from fvs_client import Client, JobState
-from fvs_service.jobs.timing import TIMING_STAGE, JobTiming
+from fvs_service.jobs.timing import TIMING, JobTiming
 from fvs_service.serving.running import running_service
 from measurement import report
 from processor_time import of_tree_s
@@ -37,7 +37,7 @@ from fvs_engine.monitor import Monitor
 _SMALL_MODEL = {"FVS_WORKER__INITIAL_ITERATIONS": "300", "FVS_WORKER__LONG_SIDE_PX": "160"}
 _TRAINING = "training"
 _PATIENCE_S = 3600.0
-_TIMINGS = f"SELECT document FROM job_stages WHERE name = '{TIMING_STAGE}' ORDER BY job_id"
+_TIMINGS = f"SELECT document FROM job_milestones WHERE name = '{TIMING}' ORDER BY job_id"
 _COMMITS = "SELECT xact_commit FROM pg_stat_database WHERE datname = current_database()"
 
 

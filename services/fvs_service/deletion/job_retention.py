@@ -9,7 +9,7 @@ from fvs_service.jobs.repository import OPEN
 from fvs_service.settings import Retention
 from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database
-from fvs_service.storage.tables import JobRow, JobStageRow, SnapshotRow
+from fvs_service.storage.tables import JobMilestoneRow, JobRow, SnapshotRow
 
 _AT_ONCE = 500
 
@@ -67,7 +67,7 @@ class JobRetention:
                 JobRow.scene_id == scene_id, *_deletable(), or_(*self._beyond(session, scene_id))
             )
             jobs = session.scalars(query.order_by(*JobRow.oldest_first()).limit(_AT_ONCE)).all()
-            session.execute(delete(JobStageRow).where(JobStageRow.job_id.in_(jobs)))
+            session.execute(delete(JobMilestoneRow).where(JobMilestoneRow.job_id.in_(jobs)))
             session.execute(delete(JobRow).where(JobRow.id.in_(jobs)))
         return len(jobs)
 

@@ -18,7 +18,7 @@ from fvs_service.jobs.work import Work
 from fvs_service.scenes.lease import Lease, require_lease
 from fvs_service.storage.clock import now, now_ms
 from fvs_service.storage.database import Database
-from fvs_service.storage.tables import JobRow, JobStageRow
+from fvs_service.storage.tables import JobMilestoneRow, JobRow
 
 _REPORT_EVERY_S = 0.4
 """A little less than the time between two reports of a runner."""
@@ -76,17 +76,17 @@ class Ledger:
             wanted = session.scalar(select(JobRow.cancel_requested).where(JobRow.id == job_id))
         return wanted is None or wanted
 
-    def stage(self, job_id: str, name: str) -> Mapping[str, Any] | None:
-        """The document of a finished stage; None when it is not finished."""
+    def milestone(self, job_id: str, name: str) -> Mapping[str, Any] | None:
+        """The document of a milestone; None when the job has not come to it."""
         with self._database.reading() as session:
-            row = session.get(JobStageRow, (job_id, name))
+            row = session.get(JobMilestoneRow, (job_id, name))
             return None if row is None else row.document
 
-    def commit_stage(self, lease: Lease, job_id: str, name: str, document: Mapping[str, Any]) -> None:
-        """Record a stage as finished: later attempts skip it. Its files must be on disk."""
+    def commit_milestone(self, lease: Lease, job_id: str, name: str, document: Mapping[str, Any]) -> None:
+        """Record a milestone: what led to it is not done again. Its files must be on disk."""
         with self._database.writing() as session:
             require_lease(session, lease)
-            record_stage(session, job_id, name, document)
+            record_milestone(session, job_id, name, document)
 
     def needs(self, lease: Lease, job_id: str, work: Work) -> None:
         """Record what a running job needs next: a worker that does it."""
@@ -116,10 +116,10 @@ class Ledger:
         self._reported.pop(job_id, None)
 
 
-def record_stage(session: Session, job_id: str, name: str, document: Mapping[str, Any]) -> None:
-    """Record a stage as finished in the transaction of ``session``; the first record stays."""
-    if session.get(JobStageRow, (job_id, name)) is None:
-        session.add(JobStageRow(job_id=job_id, name=name, document=dict(document), created_at=now()))
+def record_milestone(session: Session, job_id: str, name: str, document: Mapping[str, Any]) -> None:
+    """Record a milestone in the transaction of ``session``; the first record stays."""
+    if session.get(JobMilestoneRow, (job_id, name)) is None:
+        session.add(JobMilestoneRow(job_id=job_id, name=name, document=dict(document), created_at=now()))
 
 
 def add_warning(session: Session, job_id: str, sentence: str) -> None:

@@ -10,7 +10,7 @@ from fvs_schema.stages import Stage
 from fvs_service.errors import NotFoundError
 from fvs_service.principal import Principal
 from fvs_service.storage.pages import Cursors, newest_first
-from fvs_service.storage.tables import ImageRow, JobRow, JobStageRow
+from fvs_service.storage.tables import ImageRow, JobMilestoneRow, JobRow
 
 OPEN = (JobState.QUEUED.value, JobState.RUNNING.value)
 """The states of jobs that have not ended, as they are stored."""
@@ -76,7 +76,11 @@ def unprocessed_images(session: Session, scene_id: str) -> int:
             JobRow.state == JobState.RUNNING.value,
         )
     )
-    taken = None if running is None else session.get(JobStageRow, (running.id, images_stage(running.attempt)))
+    taken = (
+        None
+        if running is None
+        else session.get(JobMilestoneRow, (running.id, images_milestone(running.attempt)))
+    )
     query = select(func.count()).where(
         ImageRow.scene_id == scene_id,
         ImageRow.registration == "pending",
@@ -85,8 +89,8 @@ def unprocessed_images(session: Session, scene_id: str) -> int:
     return session.scalar(query) or 0
 
 
-def images_stage(attempt: int) -> str:
-    """The name of the stage with the ``last_number`` of the images that an attempt processes."""
+def images_milestone(attempt: int) -> str:
+    """The name of the milestone with the ``last_number`` of the images that an attempt processes."""
     return f"images-{attempt}"
 
 

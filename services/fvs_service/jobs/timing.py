@@ -10,9 +10,9 @@ from fvs_engine.records import Record
 from fvs_schema.jobs import JobKind, JobState
 from fvs_schema.stages import Stage
 from fvs_service.jobs.stages import FIRST_IMAGES, JobSize, has_first_model, stage_of_job
-from fvs_service.storage.tables import JobRow, JobStageRow
+from fvs_service.storage.tables import JobMilestoneRow, JobRow
 
-TIMING_STAGE = "timing"
+TIMING = "timing"
 """The name under which a job's timing is recorded among its finished stages."""
 _RECENT = 12
 
@@ -27,10 +27,10 @@ class JobTiming(Record):
 def past_timings(session: Session, kind: JobKind, first: bool) -> tuple[JobTiming, ...]:
     """The timings of the latest jobs of a kind, of scenes' first ones or of later ones."""
     rows = session.scalars(
-        select(JobStageRow.document)
-        .join(JobRow, JobRow.id == JobStageRow.job_id)
+        select(JobMilestoneRow.document)
+        .join(JobRow, JobRow.id == JobMilestoneRow.job_id)
         .where(
-            JobStageRow.name == TIMING_STAGE,
+            JobMilestoneRow.name == TIMING,
             JobRow.kind == kind.value,
             JobRow.state == JobState.SUCCEEDED.value,
         )

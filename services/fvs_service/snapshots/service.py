@@ -24,7 +24,7 @@ from fvs_service.errors import NotFoundError
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
 from fvs_service.images.repository import register
-from fvs_service.jobs.ledger import add_warning, attach_snapshot, record_stage
+from fvs_service.jobs.ledger import add_warning, attach_snapshot, record_milestone
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.lease import Lease, require_lease
 from fvs_service.scenes.repository import find_scene_head, scene_of, set_snapshot
@@ -35,7 +35,7 @@ from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database
 from fvs_service.storage.removals import ABANDONED_AFTER, keep, lock_scene, remove_later
-from fvs_service.storage.tables import JobStageRow
+from fvs_service.storage.tables import JobMilestoneRow
 
 _MODEL = frozenset({GAUSSIANS, COLMAP, ALIGNMENT})
 """The artifacts that make a model; the others repeat them in another order or form, or are about the job."""
@@ -106,8 +106,8 @@ class Snapshots:
             repository.pin(session, snapshot_id, pinned=change.pinned)
             return repository.snapshot_of(session, principal, snapshot_id)
 
-    def commit(self, lease: Lease, job: Job, stage: str, made: NewSnapshot) -> Snapshot:
-        """Add a snapshot and make it the scene's latest, atomically and once per job and stage.
+    def commit(self, lease: Lease, job: Job, milestone: str, made: NewSnapshot) -> Snapshot:
+        """Add a snapshot and make it the scene's latest, atomically and once per job and milestone.
 
         The scene keeps its present snapshot if that has more registered images: it is from an update that ran
         while a fine model was trained, and rankings must use its images. An update that has changed nothing
@@ -115,15 +115,15 @@ class Snapshots:
 
         The artifacts are stored first, to be removed again unless a snapshot refers to them within an
         hour; the snapshot, its references, the scene's latest snapshot, the images' registrations and the
-        stage are one transaction that the lease's token fences. Raises ``StaleLeaseError``; then nothing has
-        changed.
+        milestone are one transaction that the lease's token fences. Raises ``StaleLeaseError``; then nothing
+        has changed.
         """
-        earlier = self._committed(job.id, stage)
+        earlier = self._committed(job.id, milestone)
         if earlier is not None:
             return earlier
         artifacts = tuple(_artifact(name, file) for name, file in sorted(made.files.items()))
         if job.kind is JobKind.UPDATE:
-            unchanged = self._commit_unchanged(lease, job, stage, made, artifacts)
+            unchanged = self._commit_unchanged(lease, job, milestone, made, artifacts)
             if unchanged is not None:
                 return unchanged
         snapshot = Snapshot(
@@ -137,7 +137,7 @@ class Snapshots:
             created_at=now(),
         )
         keys = self._store(lease, snapshot, made.files)
-        while not self._add(lease, job, stage, made, snapshot, keys):
+        while not self._add(lease, job, milestone, made, snapshot, keys):
             keys = self._store(lease, snapshot, made.files)
         return snapshot
 
@@ -156,7 +156,13 @@ class Snapshots:
         return (*stored, manifest)
 
     def _add(
-        self, lease: Lease, job: Job, stage: str, made: NewSnapshot, snapshot: Snapshot, keys: tuple[str, ...]
+        self,
+        lease: Lease,
+        job: Job,
+        milestone: str,
+        made: NewSnapshot,
+        snapshot: Snapshot,
+        keys: tuple[str, ...],
     ) -> bool:
         """Add a snapshot whose blobs are stored; False when one was removed in between, as unused."""
         with self._database.writing(lease.scene_id) as session:
@@ -169,7 +175,7 @@ class Snapshots:
             if not _is_behind(session, snapshot):
                 set_snapshot(session, lease.scene_id, snapshot.id)
             attach_snapshot(session, job.id, snapshot.id)
-            record_stage(session, job.id, stage, {"snapshot_id": snapshot.id})
+            record_milestone(session, job.id, milestone, {"snapshot_id": snapshot.id})
             data = {
                 "snapshot_id": snapshot.id,
                 "job_id": job.id,
@@ -180,7 +186,7 @@ class Snapshots:
         return True
 
     def _commit_unchanged(
-        self, lease: Lease, job: Job, stage: str, made: NewSnapshot, artifacts: tuple[Artifact, ...]
+        self, lease: Lease, job: Job, milestone: str, made: NewSnapshot, artifacts: tuple[Artifact, ...]
     ) -> Snapshot | None:
         """Commit an update that ended with the model of an earlier snapshot, which is returned.
 
@@ -194,7 +200,7 @@ class Snapshots:
                 return None
             register(session, lease.scene_id, made.registered, made.unregistered)
             attach_snapshot(session, job.id, earlier.id)
-            record_stage(session, job.id, stage, {"snapshot_id": earlier.id})
+            record_milestone(session, job.id, milestone, {"snapshot_id": earlier.id})
             if earlier.id == repository.of_update_before(session, lease.scene_id, job.id):
                 add_warning(
                     session, job.id, f"The update changed nothing: its snapshot is the earlier {earlier.id}."
@@ -203,9 +209,9 @@ class Snapshots:
                 set_snapshot(session, lease.scene_id, earlier.id)
         return earlier
 
-    def _committed(self, job_id: str, stage: str) -> Snapshot | None:
+    def _committed(self, job_id: str, milestone: str) -> Snapshot | None:
         with self._database.reading() as session:
-            row = session.get(JobStageRow, (job_id, stage))
+            row = session.get(JobMilestoneRow, (job_id, milestone))
             if row is None:
                 return None
             return repository.find_snapshot(session, row.document["snapshot_id"])

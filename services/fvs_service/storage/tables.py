@@ -238,10 +238,10 @@ class JobRow(Recorded, Table):
     )
 
 
-class JobStageRow(Table):
-    """A finished stage of a job, with what later stages need from it."""
+class JobMilestoneRow(Table):
+    """What a job has done once and need not do again, with what it needs to know of it."""
 
-    __tablename__ = "job_stages"
+    __tablename__ = "job_milestones"
 
     job_id: Mapped[str] = mapped_column(ForeignKey("jobs.id"), primary_key=True)
     name: Mapped[str] = mapped_column(String(64), primary_key=True)

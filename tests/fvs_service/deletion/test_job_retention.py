@@ -9,7 +9,7 @@ from fvs_service.deletion.idempotency_retention import IdempotencyRetention
 from fvs_service.deletion.job_retention import JobRetention
 from fvs_service.settings import Retention
 from fvs_service.storage.clock import now
-from fvs_service.storage.tables import IdempotencyRow, JobRow, JobStageRow
+from fvs_service.storage.tables import IdempotencyRow, JobMilestoneRow, JobRow
 from sqlalchemy import func, select, update
 
 
@@ -94,8 +94,8 @@ def test_old_jobs_go_unless_they_have_not_ended(open_gateway: Any) -> None:
     assert _jobs(gateway, job_days=8).apply() == 1
     assert with_snapshot not in _kept(gateway, scene)
     with gateway.application.storage.database.reading() as session:
-        stages = session.scalars(select(JobStageRow.job_id).distinct()).all()
-    assert with_snapshot not in stages
+        milestones = session.scalars(select(JobMilestoneRow.job_id).distinct()).all()
+    assert with_snapshot not in milestones
 
 
 def test_a_tenant_keeps_its_newest_idempotency_keys(open_gateway: Any) -> None:

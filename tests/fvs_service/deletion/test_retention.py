@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 from fvs_service.deletion.retention import RetentionRules
-from fvs_service.jobs.timing import TIMING_STAGE, JobSize, JobTiming, past_timings
+from fvs_service.jobs.timing import TIMING, JobSize, JobTiming, past_timings
 from fvs_service.jobs.waiting import _usual_s
 from fvs_service.settings import Retention
 from fvs_service.snapshots.repository import with_artifacts
 from fvs_service.storage.clock import now
-from fvs_service.storage.tables import JobRow, JobStageRow, SnapshotArtifactRow, SnapshotRow
+from fvs_service.storage.tables import JobMilestoneRow, JobRow, SnapshotArtifactRow, SnapshotRow
 from sqlalchemy import select, update
 
 from fvs_schema.jobs import JobKind
@@ -89,7 +89,7 @@ def test_the_latest_is_found_whatever_the_clocks_of_machines_say(
             job.finished_at = job.started_at + timedelta(seconds=took_s)
             size = JobSize(first=True, images=6, new=6, megapixels=1, train_megapixels=1, iterations=7)
             timing = JobTiming(size=size, seconds={"training": took_s}).model_dump(mode="json")
-            session.add(JobStageRow(job_id=job.id, name=TIMING_STAGE, document=timing, created_at=now()))
+            session.add(JobMilestoneRow(job_id=job.id, name=TIMING, document=timing, created_at=now()))
         session.execute(update(SnapshotArtifactRow).values(sha256="0" * 64))  # equal models
     monkeypatch.setattr("fvs_service.jobs.waiting._RECENT", 1)
     monkeypatch.setattr("fvs_service.jobs.timing._RECENT", 1)

@@ -2,7 +2,7 @@ from typing import Any
 
 import pytest
 from fvs_service.errors import StaleLeaseError
-from fvs_service.jobs.repository import images_stage
+from fvs_service.jobs.repository import images_milestone
 
 from fvs_schema.jobs import JobFailure, JobState
 
@@ -86,8 +86,8 @@ def test_a_failed_job_says_why_and_is_retried_without_its_finished_stages(gatewa
     job_id, lease = gateway.queue(scene), gateway.lease(scene)
     ledger = gateway.application.storage.ledger
     ledger.start(lease, job_id, 1)
-    ledger.commit_stage(lease, job_id, "features", {"images": 3})
-    ledger.commit_stage(lease, job_id, "features", {"images": 4})
+    ledger.commit_milestone(lease, job_id, "features", {"images": 3})
+    ledger.commit_milestone(lease, job_id, "features", {"images": 4})
     error = JobFailure(code="training-failed", message="No.", hint="Try.", retryable=True, stage="training")
     ledger.fail(lease, job_id, error)
     failed = _job(gateway, job_id)
@@ -96,7 +96,7 @@ def test_a_failed_job_says_why_and_is_retried_without_its_finished_stages(gatewa
     assert retried.status_code == 202
     job = retried.json()
     assert (job["state"], job["attempt"], job["error"], job["progress"]) == ("queued", 2, None, 0.0)
-    assert ledger.stage(job_id, "features") == {"images": 3}
+    assert ledger.milestone(job_id, "features") == {"images": 3}
     assert ledger.start(lease, job_id, 1) is None
     assert ledger.start(lease, job_id, 2).attempt == 2
     refused = gateway.client.post(f"/v1/jobs/{job_id}:retry")
@@ -182,7 +182,7 @@ def test_images_that_the_running_update_takes_up_start_no_other(gateway: Any, ph
         if seed == 1:
             ledger, lease = gateway.application.storage.ledger, gateway.lease(scene)
             ledger.start(lease, jobs[0]["id"], 1)
-            ledger.commit_stage(lease, jobs[0]["id"], images_stage(1), {"last_number": 2})
+            ledger.commit_milestone(lease, jobs[0]["id"], images_milestone(1), {"last_number": 2})
     assert seen == [0, 1, 1, 2]
 
 
@@ -202,7 +202,7 @@ def test_a_worker_that_lost_its_lease_changes_nothing(gateway: Any) -> None:
         lambda: storage.ledger.start(frozen, job_id, 1),
         lambda: storage.ledger.report(frozen, job_id, "training", 0.9),
         lambda: storage.ledger.warn(frozen, job_id, "late"),
-        lambda: storage.ledger.commit_stage(frozen, job_id, "training", {}),
+        lambda: storage.ledger.commit_milestone(frozen, job_id, "training", {}),
         lambda: storage.ledger.succeed(frozen, job_id),
         lambda: storage.ledger.cancel(frozen, job_id),
         lambda: storage.ledger.fail(frozen, job_id, error),
@@ -212,7 +212,7 @@ def test_a_worker_that_lost_its_lease_changes_nothing(gateway: Any) -> None:
         with pytest.raises(StaleLeaseError):
             write()
     assert _job(gateway, job_id) == before
-    assert storage.ledger.stage(job_id, "training") is None
+    assert storage.ledger.milestone(job_id, "training") is None
     assert storage.ledger.start(other, job_id, 1).id == job_id
 
 

@@ -26,8 +26,8 @@ from fvs_service.host.worker.working_copies import WorkingCopies
 from fvs_service.images.files import with_original_names
 from fvs_service.images.repository import usable_images
 from fvs_service.jobs.ledger import Ledger
-from fvs_service.jobs.repository import images_stage
-from fvs_service.jobs.timing import TIMING_STAGE, past_timings
+from fvs_service.jobs.repository import images_milestone
+from fvs_service.jobs.timing import TIMING, past_timings
 from fvs_service.jobs.work import Work, work_of
 from fvs_service.scenes.lease import Lease
 from fvs_service.scenes.repository import find_scene, set_working_bytes
@@ -103,8 +103,8 @@ class Attempts:
                     set_working_bytes(session, job.scene_id, _size_bytes(folder))
 
     def _compute_and_commit(self, leased: LeasedScene, job: Job) -> Outcome:
-        """Run and commit the stages that no earlier start has committed."""
-        if self._storage.ledger.stage(job.id, Stage.SNAPSHOT) is not None:
+        """Compute and commit what no earlier start has committed."""
+        if self._storage.ledger.milestone(job.id, Stage.SNAPSHOT) is not None:
             return Succeeded()
         images = self._images_of(leased, job)
         with self._storage.database.reading() as session:
@@ -130,7 +130,7 @@ class Attempts:
                 JobStop(self._storage, self._room, leased, job),
                 progress,
                 spans,
-                lambda stage, made: self._commit(leased.lease, job, stage, made, images),
+                lambda milestone, made: self._commit(leased.lease, job, milestone, made, images),
                 lambda: self._scenes.stopping,
             ).hold()
             if isinstance(made, Failed):
@@ -143,7 +143,7 @@ class Attempts:
         timing = progress.finished()
         if timing is not None:
             document = timing.model_dump(mode="json")
-            self._storage.ledger.commit_stage(leased.lease, job.id, TIMING_STAGE, document)
+            self._storage.ledger.commit_milestone(leased.lease, job.id, TIMING, document)
         return Succeeded()
 
     def _images_of(self, scene: LeasedScene, job: Job) -> tuple[Image, ...]:
@@ -151,11 +151,11 @@ class Attempts:
         with self._storage.database.reading() as session:
             images = usable_images(session, job.scene_id)
         last = max((image.number for image in images), default=0)
-        stage = images_stage(job.attempt)
-        kept = self._storage.ledger.stage(job.id, stage)
+        milestone = images_milestone(job.attempt)
+        kept = self._storage.ledger.milestone(job.id, milestone)
         if kept is None:
             kept = {"last_number": last}
-            self._storage.ledger.commit_stage(scene.lease, job.id, stage, kept)
+            self._storage.ledger.commit_milestone(scene.lease, job.id, milestone, kept)
         return tuple(image for image in images if image.number <= kept["last_number"])
 
     def _progress(self, job: Job, images: tuple[Image, ...], *, first: bool) -> JobProgress:
@@ -164,7 +164,9 @@ class Attempts:
             past = past_timings(session, job.kind, first)
         return JobProgress(job.kind, size, past, resumed=job.progress > 0)
 
-    def _commit(self, lease: Lease, job: Job, stage: str, made: JobOutcome, images: Sequence[Image]) -> None:
+    def _commit(
+        self, lease: Lease, job: Job, milestone: str, made: JobOutcome, images: Sequence[Image]
+    ) -> None:
         with self._storage.database.reading() as session:
             scene = find_scene(session, job.scene_id)
         by_digest = {image.digest: image for image in images}
@@ -180,7 +182,7 @@ class Attempts:
             registered=tuple(made.model_from_camera) if updating else (),
             unregistered={digest: with_original_names(why, images) for digest, why in reasons.items()},
         )
-        self._storage.snapshots.commit(lease, job, stage, snapshot)
+        self._storage.snapshots.commit(lease, job, milestone, snapshot)
 
 
 def record_end(ledger: Ledger, lease: Lease, job: Job, outcome: Succeeded | Failed | Canceled) -> None:

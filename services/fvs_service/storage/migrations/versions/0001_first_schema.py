@@ -171,7 +171,7 @@ def _create_tables_of_jobs() -> None:
         ),
     )
     op.create_table(
-        "job_stages",
+        "job_milestones",
         _reference("job_id", "jobs", primary_key=True),
         sa.Column("name", sa.String(64), primary_key=True),
         sa.Column("document", sa.JSON(), nullable=False),
