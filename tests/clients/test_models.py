@@ -23,7 +23,7 @@ from fvs_client import (
 )
 from fvs_client.answers import parse, refusal
 from fvs_client.errors import ApiError, NotFoundError, error_of
-from fvs_client.models.scenes import SceneData
+from fvs_client.models.resources import SceneData
 from httpx2 import Response
 
 from fvs_schema.problems import Problem

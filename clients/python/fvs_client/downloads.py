@@ -7,7 +7,7 @@ from os import PathLike, fspath
 from pathlib import Path
 
 from fvs_client.errors import DamagedDownloadError, NotFoundError
-from fvs_client.models.snapshots import SnapshotData
+from fvs_client.models.resources import SnapshotData
 from fvs_schema.problems import Problem
 from fvs_schema.snapshots import Artifact
 

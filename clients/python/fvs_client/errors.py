@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 
-from fvs_client.models.jobs import JobData
+from fvs_client.models.resources import JobData
 from fvs_schema.error_codes import ErrorCode, FieldError
 from fvs_schema.problems import Problem
 

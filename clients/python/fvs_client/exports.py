@@ -45,8 +45,8 @@ from fvs_client.errors import (
     UnreadableFormatError,
     WaitTimeoutError,
 )
+from fvs_client.models.display import Png
 from fvs_client.models.missions import MissionFile, MissionSettings
-from fvs_client.models.pictures import Png
 from fvs_client.retries import NO_RETRIES, Retries
 from fvs_client.uploads import Outcome, UploadedFile, UploadProgress, UploadReport
 from fvs_schema.candidates import (

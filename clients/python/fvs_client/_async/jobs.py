@@ -8,7 +8,7 @@ from fvs_client._async import waiting
 from fvs_client._async.session import AsyncResource, AsyncSession
 from fvs_client._async.snapshots import AsyncSnapshot
 from fvs_client.errors import NotFoundError
-from fvs_client.models.jobs import JobData
+from fvs_client.models.resources import JobData
 from fvs_schema.jobs import JobKind, JobRequest, JobState
 
 

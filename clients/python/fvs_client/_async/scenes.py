@@ -14,7 +14,7 @@ from fvs_client._async.snapshots import AsyncSceneSnapshots
 from fvs_client._async.webhooks import AsyncSceneWebhooks
 from fvs_client.answers import mission_file
 from fvs_client.models.missions import MissionFile, MissionSettings, mission_options
-from fvs_client.models.scenes import SceneData
+from fvs_client.models.resources import SceneData
 from fvs_schema.candidates import Candidate, Generator
 from fvs_schema.events import Event
 from fvs_schema.jobs import JobKind

@@ -10,8 +10,7 @@ from fvs_client._async import downloading
 from fvs_client._async.session import AsyncResource, AsyncSession
 from fvs_client.answers import parse
 from fvs_client.downloads import DownloadProgress, artifact_named, target_path
-from fvs_client.models.scenes import SceneData
-from fvs_client.models.snapshots import SnapshotData
+from fvs_client.models.resources import SceneData, SnapshotData
 from fvs_schema.snapshots import SnapshotCameras
 
 

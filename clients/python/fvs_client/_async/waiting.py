@@ -11,7 +11,7 @@ from fvs_client._async.concurrency import sleep
 from fvs_client._async.session import AsyncSession
 from fvs_client.answers import event_number, parse_event
 from fvs_client.errors import ApiError, FvsError, JobCanceledError, JobFailedError, WaitTimeoutError
-from fvs_client.models.jobs import JobData
+from fvs_client.models.resources import JobData
 from fvs_schema.events import Event, EventKind
 from fvs_schema.jobs import JobState
 

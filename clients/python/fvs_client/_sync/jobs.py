@@ -9,7 +9,7 @@ from fvs_client._sync import waiting
 from fvs_client._sync.session import Resource, Session
 from fvs_client._sync.snapshots import Snapshot
 from fvs_client.errors import NotFoundError
-from fvs_client.models.jobs import JobData
+from fvs_client.models.resources import JobData
 from fvs_schema.jobs import JobKind, JobRequest, JobState
 
 

@@ -12,8 +12,8 @@ from fvs_client._sync.concurrency import sleep
 from fvs_client._sync.session import Resource, Session
 from fvs_client.answers import mission_file, parse, refusal
 from fvs_client.errors import ConnectionFailedError, FvsError
+from fvs_client.models.display import Png
 from fvs_client.models.missions import MissionFile, MissionSettings, mission_options
-from fvs_client.models.pictures import Png
 from fvs_client.models.rankings import RankingData
 from fvs_client.requests import Request
 from fvs_schema.base import Output

@@ -11,8 +11,7 @@ from fvs_client._sync import downloading
 from fvs_client._sync.session import Resource, Session
 from fvs_client.answers import parse
 from fvs_client.downloads import DownloadProgress, artifact_named, target_path
-from fvs_client.models.scenes import SceneData
-from fvs_client.models.snapshots import SnapshotData
+from fvs_client.models.resources import SceneData, SnapshotData
 from fvs_schema.snapshots import SnapshotCameras
 
 

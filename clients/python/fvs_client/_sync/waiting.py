@@ -12,7 +12,7 @@ from fvs_client._sync.concurrency import sleep
 from fvs_client._sync.session import Session
 from fvs_client.answers import event_number, parse_event
 from fvs_client.errors import ApiError, FvsError, JobCanceledError, JobFailedError, WaitTimeoutError
-from fvs_client.models.jobs import JobData
+from fvs_client.models.resources import JobData
 from fvs_schema.events import Event, EventKind
 from fvs_schema.jobs import JobState
 

@@ -22,7 +22,7 @@ from rich.progress import (
 from rich.text import Text
 
 from fvs_client.downloads import DownloadProgress
-from fvs_client.models.jobs import JobData
+from fvs_client.models.resources import JobData
 from fvs_client.uploads import UploadedFile, UploadProgress
 from fvs_schema.rankings import ScoredCandidate
 

@@ -7,7 +7,7 @@ import typer
 from fvs_client.cli.options import JsonOption, SceneArgument, YesOption, within
 from fvs_client.cli.output import describe_metrics, print_json, print_table
 from fvs_client.cli.session import confirm, find_scene, require_free_name, service
-from fvs_client.models.scenes import world_text
+from fvs_client.models.resources import world_text
 from fvs_schema.scenes import (
     AutomaticWorld,
     CameraPrior,

@@ -11,7 +11,7 @@ from fvs_client.cli.options import JsonOption, SceneArgument
 from fvs_client.cli.output import print_json, print_table
 from fvs_client.cli.poses import read_candidates
 from fvs_client.cli.session import find_scene, service
-from fvs_client.models.tables import pose_text
+from fvs_client.models.display import pose_text
 
 
 def visit(

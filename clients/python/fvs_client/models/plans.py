@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Mapping
 
-from fvs_client.models.tables import ReprArgs, Table, pose_text, table_html, with_unit
+from fvs_client.models.display import ReprArgs, Table, pose_text, table_html, with_unit
 from fvs_schema.plans import Expectation, Plan, Stop, Tour
 
 

@@ -1,6 +1,6 @@
 """Rankings."""
 
-from fvs_client.models.tables import ReprArgs, Table, pose_text, table_html, with_unit
+from fvs_client.models.display import ReprArgs, Table, pose_text, table_html, with_unit
 from fvs_schema.rankings import RankedCandidate, Ranking
 
 

@@ -1,5 +1,6 @@
-"""Models as text in tables: for the command line, and as HTML for notebooks."""
+"""What notebooks and the command line show: tables, poses and images."""
 
+import base64
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from html import escape
@@ -65,3 +66,12 @@ def _aligned(table: Table) -> Sequence[bool]:
 
 def _cell(tag: str, text: str, right: bool = False) -> str:
     return f'<{tag} style="text-align: {"right" if right else "left"}">{escape(text)}</{tag}>'
+
+
+class Png(bytes):
+    """A PNG file as bytes; a notebook shows it."""
+
+    __slots__ = ()
+
+    def _repr_html_(self) -> str:
+        return f'<img src="data:image/png;base64,{base64.b64encode(self).decode()}">'

@@ -1,7 +1,9 @@
-"""Scenes."""
+"""Scenes, jobs and snapshots with what they show of themselves."""
 
-from fvs_client.models.tables import ReprArgs, facts_html
+from fvs_client.models.display import ReprArgs, facts_html
+from fvs_schema.jobs import Job
 from fvs_schema.scenes import Scene
+from fvs_schema.snapshots import Snapshot
 
 
 class SceneData(Scene):
@@ -17,6 +19,28 @@ class SceneData(Scene):
         facts = {"id": self.id, "images": images, "world": world_text(self)}
         facts |= {"model": self.snapshot_id or "none yet", "created": f"{self.created_at:%F %H:%M}"}
         return facts_html(f"Scene {self.name}", facts.items())
+
+
+class JobData(Job):
+    """A job and its progress."""
+
+    @property
+    def ended(self) -> bool:
+        """Whether the job has succeeded, failed or been canceled."""
+        return self.state.ended
+
+    def __repr_args__(self) -> ReprArgs:
+        yield from (("id", self.id), ("scene_id", self.scene_id), ("kind", self.kind.value))
+        yield from (("state", self.state.value), ("progress", self.progress))
+        yield "snapshot_id", self.snapshot_id
+
+
+class SnapshotData(Snapshot):
+    """An immutable model: its metrics, alignment and artifacts."""
+
+    def __repr_args__(self) -> ReprArgs:
+        yield from (("id", self.id), ("scene_id", self.scene_id), ("kind", self.kind.value))
+        yield from (("registered", self.metrics.registered), ("gaussians", self.metrics.gaussians))
 
 
 def world_text(scene: SceneData) -> str:
