@@ -22,7 +22,7 @@ from fvs_service.images.upload_places import UploadPlaces
 from fvs_service.jobs.ledger import Ledger
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.service import Jobs
-from fvs_service.jobs.work import work_of
+from fvs_service.jobs.stages import work_of
 from fvs_service.missions.service import Missions
 from fvs_service.plans.service import Plans
 from fvs_service.rankings.port import SceneRunners

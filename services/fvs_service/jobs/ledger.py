@@ -13,8 +13,8 @@ from fvs_schema.stages import Stage
 from fvs_service.disclosure import without_paths
 from fvs_service.events.repository import publish
 from fvs_service.jobs import repository
+from fvs_service.jobs.stages import Work
 from fvs_service.jobs.states import Move, Mover, move
-from fvs_service.jobs.work import Work
 from fvs_service.scenes.lease import Lease, require_lease
 from fvs_service.storage.clock import now, now_ms
 from fvs_service.storage.database import Database

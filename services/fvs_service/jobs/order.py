@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 from fvs_schema.jobs import JobKind, WaitReason
-from fvs_service.jobs.work import ALL_WORK, Work
+from fvs_service.jobs.stages import ALL_WORK, Work
 
 _PATIENCE = 20
 """A fine model that has waited for this many turns no longer lets updates of its tenant go first."""

@@ -14,8 +14,8 @@ from fvs_schema.jobs import JobKind, JobState, WaitReason
 from fvs_service.jobs.fleet import is_alive
 from fvs_service.jobs.order import OpenJob, Order
 from fvs_service.jobs.repository import OPEN
+from fvs_service.jobs.stages import ALL_WORK, Work, work_of
 from fvs_service.jobs.states import Move, Mover, Turn, move
-from fvs_service.jobs.work import ALL_WORK, Work, work_of
 from fvs_service.storage.clock import now_ms
 from fvs_service.storage.database import Database
 from fvs_service.storage.tables import JobRow, TenantRow, WorkerRow

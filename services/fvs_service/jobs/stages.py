@@ -1,7 +1,13 @@
-"""The stages of jobs in one table: their parts of a job, what their time grows with, which ones resume."""
+"""The stages of jobs in one table, and the kinds of work that they belong to.
+
+An update begins with structure from motion, on the CPU, and continues with training, where a GPU helps; a
+fine model is training alone. Where workers are set to do one kind of work, each kind has a queue of its own:
+a job waits for a worker that does what it needs next.
+"""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
+from enum import StrEnum
 
 from fvs_engine.records import Record
 from fvs_schema.jobs import JobKind
@@ -9,6 +15,26 @@ from fvs_schema.stages import Stage
 
 FIRST_IMAGES = 10
 """The images of a first model: the fewest that usually make a model that ranks."""
+
+
+class Work(StrEnum):
+    """What a job needs next."""
+
+    SFM = "sfm"
+    TRAINING = "training"
+
+
+ALL_WORK = frozenset(Work)
+
+
+def first_work(kind: JobKind) -> Work:
+    """What a job of this kind begins with."""
+    return Work.SFM if kind is JobKind.UPDATE else Work.TRAINING
+
+
+def work_of(setting: str) -> frozenset[Work]:
+    """The kinds of work of a worker with this ``FVS_WORKER__WORK``."""
+    return ALL_WORK if setting == "all" else frozenset({Work(setting)})
 
 
 def has_first_model(*, first: bool, images: int) -> bool:

@@ -46,7 +46,7 @@ from fvs_schema.events import EventKind
 from fvs_schema.jobs import Job, JobKind, JobRequest, JobState
 from fvs_service.events.repository import delete_progress, publish
 from fvs_service.jobs.repository import to_job
-from fvs_service.jobs.work import first_work
+from fvs_service.jobs.stages import first_work
 from fvs_service.storage.clock import now, now_ms
 from fvs_service.storage.commit_hooks import after_commit
 from fvs_service.storage.notifications import Topic, announce

@@ -11,7 +11,7 @@ from fvs_schema.jobs import Job, JobKind, JobState, JobWaiting, WaitReason
 from fvs_service.jobs.fleet import is_alive
 from fvs_service.jobs.order import OpenJob, Order, Place
 from fvs_service.jobs.queue import JobQueue
-from fvs_service.jobs.work import Work, work_of
+from fvs_service.jobs.stages import Work, work_of
 from fvs_service.storage.tables import JobRow, WorkerRow
 
 _RECENT = 20

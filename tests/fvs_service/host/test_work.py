@@ -16,7 +16,7 @@ from fvs_service.host.runner.image_files import PreparedImages
 from fvs_service.host.runner.job_monitor import JobMonitor
 from fvs_service.host.runner.request_queue import RequestQueue
 from fvs_service.host.runner.scene_jobs import SceneJobs
-from fvs_service.jobs.work import Work, first_work, work_of
+from fvs_service.jobs.stages import Work, first_work, work_of
 from fvs_service.settings import WorkerSettings
 from fvs_service.storage.tables import JobRow
 from granted_scenes import GrantedScenes

@@ -5,7 +5,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from fvs_service.jobs.order import OpenJob, Order
-from fvs_service.jobs.work import Work
+from fvs_service.jobs.stages import Work
 from hypothesis import given
 from hypothesis import strategies as st
 

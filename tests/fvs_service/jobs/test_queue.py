@@ -8,7 +8,7 @@ from typing import Any
 import pytest
 from fvs_service.host.worker.heartbeat import Heartbeats
 from fvs_service.jobs.queue import JobQueue, take_job
-from fvs_service.jobs.work import Work
+from fvs_service.jobs.stages import Work
 from fvs_service.storage.notifications import Topic
 from fvs_service.storage.tables import JobRow, WorkerRow
 from sqlalchemy import update

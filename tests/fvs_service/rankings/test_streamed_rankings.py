@@ -115,16 +115,16 @@ def test_what_fails_before_the_first_candidate_is_a_plain_error(scene: Scene) ->
 def test_when_the_connection_to_the_runner_breaks_scoring_begins_again(
     scene: Scene, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    send, sent = server._send_scores, threading.Semaphore(0)
+    send, sent = server._send_part, threading.Semaphore(0)
 
     def break_once(connection: Any, scores: Any) -> None:
         if sent.acquire(blocking=False):
-            monkeypatch.setattr(server, "_send_scores", send)
+            monkeypatch.setattr(server, "_send_part", send)
             raise RunnerGoneError
         send(connection, scores)
         sent.release()
 
-    monkeypatch.setattr(server, "_send_scores", break_once)
+    monkeypatch.setattr(server, "_send_part", break_once)
     with _stream(scene, 100) as stream:
         parts = _parts(stream)
     assert parts[-1]["ranking"] is not None

@@ -27,8 +27,8 @@ from fvs_service.images.files import with_original_names
 from fvs_service.images.repository import usable_images
 from fvs_service.jobs.ledger import Ledger
 from fvs_service.jobs.repository import images_milestone
+from fvs_service.jobs.stages import Work, work_of
 from fvs_service.jobs.timing import TIMING, past_timings
-from fvs_service.jobs.work import Work, work_of
 from fvs_service.scenes.lease import Lease
 from fvs_service.scenes.repository import find_scene, set_working_bytes
 from fvs_service.snapshots.artifacts import ALIGNMENT

@@ -34,7 +34,7 @@ from fvs_service.host.worker.progress import JobProgress
 from fvs_service.host.worker.stop import JobStop
 from fvs_service.images.exclusion import quarantine
 from fvs_service.images.files import with_original_names
-from fvs_service.jobs.work import Work
+from fvs_service.jobs.stages import Work
 from fvs_service.tracing import Span, Tracing
 
 _CONNECT_S = 5.0

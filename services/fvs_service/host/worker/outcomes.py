@@ -21,7 +21,7 @@ from fvs_schema.jobs import JobFailure, WaitReason
 from fvs_service.errors import NotFoundError, OutOfSpaceError, StaleLeaseError, StorageUnavailableError
 from fvs_service.host.protocol.connection import RunnerGoneError
 from fvs_service.host.worker.leased_scenes import NoMemoryError
-from fvs_service.jobs.work import Work
+from fvs_service.jobs.stages import Work
 
 _PAUSE_S = 0.5
 _STORAGE_PAUSE_S = 2.0
