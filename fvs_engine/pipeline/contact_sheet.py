@@ -18,7 +18,7 @@ from PIL import Image, ImageDraw, ImageFont
 from fvs_engine.candidates import RankedCandidate
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.atomic import write_bytes_atomically
-from fvs_engine.score.log_magnitude import log_magnitude
+from fvs_engine.splat.render import log_magnitude
 from fvs_schema.candidates import CandidateStatus
 
 _TILE_AREA_PX = 320 * 214

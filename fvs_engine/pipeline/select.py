@@ -8,17 +8,22 @@ trajectory.png    the path of the camera, from above
 point_cloud.ply   the full model of all views, in the layout that splat viewers read
 """
 
+import contextlib
+from collections.abc import Iterator
 from pathlib import Path
 
 from fvs_engine.choices import Poses
+from fvs_engine.errors import InvalidInputError
+from fvs_engine.files.lock import locked_folder
 from fvs_engine.files.record import write_record
+from fvs_engine.files.storage import storage_errors
 from fvs_engine.images.catalog import require_usable
 from fvs_engine.monitor import Monitor
-from fvs_engine.pipeline.output import locked_output, open_outside
 from fvs_engine.pipeline.selection_request import SelectionRequest
 from fvs_engine.plan.distances import path_length
 from fvs_engine.plan.plan_records import Expectation
 from fvs_engine.records import Record
+from fvs_engine.scene.dataset import Dataset, open_dataset
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.score.selectors.interface import Selector
 from fvs_engine.select.loop import SelectionLoop, StepRecord, StopReason
@@ -170,3 +175,30 @@ def _result(loop: SelectionLoop, model: SceneModel, stop: StopReason) -> Selecti
         gaussians=len(model.gaussians),
         seconds=sum(record.seconds.total for record in loop.records),
     )
+
+
+def open_outside(
+    out: Path, folder: Path, colmap: Path | None, transforms: Path | None, monitor: Monitor
+) -> Dataset:
+    """Open the dataset in ``folder`` and pass on its warnings.
+
+    Raises ``InvalidInputError`` when anything of it lies inside ``out``, and what ``open_dataset`` raises.
+    """
+    for given in (folder, colmap, transforms):
+        if given is not None and given.resolve().is_relative_to(out.resolve()):
+            raise InvalidInputError(
+                f"{given} lies inside the output folder {out}.", hint="Choose an output folder outside."
+            )
+    dataset = open_dataset(folder, colmap, transforms)
+    for warning in dataset.warnings:
+        monitor.warn(warning)
+    return dataset
+
+
+@contextlib.contextmanager
+def locked_output(out: Path) -> Iterator[None]:
+    """Create the folder ``out`` and keep other writers out; an ``OSError`` becomes a ``StorageError``."""
+    with storage_errors(out):
+        out.mkdir(parents=True, exist_ok=True)
+        with locked_folder(out):
+            yield

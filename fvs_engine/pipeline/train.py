@@ -29,12 +29,10 @@ from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.quality import renders_of
 from fvs_engine.scene.scene_model import SceneModel, usual_camera
 from fvs_engine.splat.metrics import psnr, ssim
-from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_engine.splat.render import to_pixels
 from fvs_engine.splat.session import open_trainer, train_saving
 from fvs_engine.splat.settings import PRESETS, TrainingSettings, memory_need_bytes
-from fvs_engine.splat.spz import write_spz
 from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import PinholeView
@@ -124,8 +122,7 @@ class _State:
         with storage_errors(self._workspace.checkpoint):
             self._workspace.checkpoint.parent.mkdir(exist_ok=True)
             self._trainer.save(self._workspace.checkpoint)
-            write_ply(self._workspace.point_cloud, self._trainer.gaussians)
-            write_spz(self._workspace.point_cloud.with_suffix(".spz"), self._trainer.gaussians)
+            SceneModel.of(self._trainer).export(self._workspace.point_cloud)
         record = TrainingRecord(
             train_views=tuple(view.name for view in self._training),
             test_views=tuple(view.name for view in self._held_out),

@@ -26,11 +26,12 @@ from fvs_engine.plan.tours import Budget
 from fvs_engine.plan.volumes import AnyVolume
 from fvs_engine.score.appearance import with_appearance
 from fvs_engine.score.feasibility import FeasibilityCheck, matter_of
-from fvs_engine.score.log_magnitude import log_magnitude
 from fvs_engine.score.selectors.interface import SelectionContext, Selector, select
 from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.raster import Rasterizer
-from fvs_engine.splat.render import render_color
+from fvs_engine.splat.render import log_magnitude, render_color
+from fvs_engine.splat.spz import write_spz
 from fvs_engine.splat.trainer import Trainer, read_gaussians
 from fvs_engine.views import PinholeView
 
@@ -236,6 +237,11 @@ class SceneModel:
         low, high = (float(finite.min()), float(finite.max())) if finite.size else (0.0, 1.0)
         shares = (np.nan_to_num(found, neginf=low) - low) / max(high - low, 1e-6)
         return np.asarray(np.clip(shares, 0.0, 1.0))
+
+    def export(self, file: Path) -> None:
+        """Write the Gaussians to ``file``, a PLY for splat viewers, and compressed to an SPZ beside it."""
+        write_ply(file, self.gaussians)
+        write_spz(file.with_suffix(".spz"), self.gaussians)
 
 
 def usual_camera(views: Sequence[PinholeView]) -> PinholeCamera:

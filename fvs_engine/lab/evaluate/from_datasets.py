@@ -8,7 +8,7 @@ from fvs_engine.lab.evaluate.experiment import run_experiment
 from fvs_engine.lab.evaluate.protocol import Protocol
 from fvs_engine.lab.evaluate.report import Summary
 from fvs_engine.monitor import Monitor
-from fvs_engine.pipeline.output import locked_output, open_outside
+from fvs_engine.pipeline.select import locked_output, open_outside
 from fvs_engine.splat.raster import create_rasterizer
 
 

@@ -2,7 +2,6 @@
 
 import shutil
 import zipfile
-from collections import Counter
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 
@@ -10,10 +9,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.geometry import quaternion_from_matrix
+from fvs_engine.scene.scene_model import SceneModel, usual_camera
 from fvs_engine.sfm.colmap.model import MODEL_FILES
-from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.ply import write_ply
-from fvs_engine.splat.spz import write_spz
 from fvs_engine.splat.views import TrainingView
 from fvs_schema.images import Image
 from fvs_schema.snapshots import SnapshotCameras, SnapshotMetrics, SnapshotView
@@ -31,7 +28,7 @@ def write_artifacts(
     views: Sequence[TrainingView],
     images: Mapping[str, Image],
     points: Array,
-    gaussians: Gaussians,
+    model: SceneModel,
     metrics: SnapshotMetrics,
     colmap: Path,
     *,
@@ -43,8 +40,7 @@ def write_artifacts(
     """
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
-    write_ply(folder / GAUSSIANS, gaussians)
-    write_spz(folder / COMPRESSED, gaussians)
+    model.export(folder / GAUSSIANS)
     (folder / CAMERAS).write_text(_cameras(views, images, points).model_dump_json(indent=1))
     (folder / METRICS).write_text(metrics.model_dump_json(indent=1))
     with zipfile.ZipFile(folder / COLMAP, "w") as archive:
@@ -59,11 +55,10 @@ def write_artifacts(
 
 
 def _cameras(views: Sequence[TrainingView], images: Mapping[str, Image], points: Array) -> SnapshotCameras:
-    usual = Counter(view.camera for view in views).most_common(1)[0][0]
     lower, upper = np.percentile(points, _BOX_PERCENTILES, axis=0)
     model_from_camera = {view.name: view.camera_from_model.inverse() for view in views}
     return SnapshotCameras(
-        camera=intrinsics_of(usual),
+        camera=intrinsics_of(usual_camera(views)),
         views=tuple(
             SnapshotView(
                 image=images[name].digest,

@@ -343,9 +343,7 @@ class SceneJobs:
         )
         # Without points, what the scene is about is where the cameras are.
         around = points.xyz if len(points) else np.stack([view.centre for view in views])
-        files = write_artifacts(
-            folder, views, images, around, model.gaussians, metrics, colmap, compressed=compressed
-        )
+        files = write_artifacts(folder, views, images, around, model, metrics, colmap, compressed=compressed)
         return JobOutcome(
             folder=str(folder),
             files=files,
