@@ -85,21 +85,8 @@ class SelectionRequest(Record):
         try:
             return LoopSettings(
                 scene=self.scene_settings(),
-                method=self.method,
-                initial=self.initial,
-                initial_choice=self.initial_choice,
                 budget=self.budget or max(self.initial, min(DEFAULT_BUDGET, len(pool))),
-                radius=self.radius,
-                nearest=self.nearest,
-                test_every=self.test_every,
-                hold_out=self.hold_out,
-                seed=self.seed,
-                time_limit_s=self.time_limit_s,
-                stop_at_db=self.stop_at_db,
-                stop_at_gain_db=self.stop_at_gain_db,
-                max_travel=self.max_travel,
-                vehicles=self.vehicles,
-                registrable=self.registrable,
+                **self.model_dump(include=LoopSettings.model_fields.keys() - {"budget"}),
             )
         except ValidationError as error:
             raise InvalidInputError(f"{first_error(error, 'These settings cannot be used')}.") from error

@@ -88,18 +88,10 @@ class Setup:
         return LoopSettings(
             scene=scene,
             method=method,
-            initial=protocol.initial,
-            initial_choice=protocol.initial_choice,
             budget=protocol.budget,
-            radius=protocol.radius,
             nearest=everything or protocol.nearest,
-            test_every=protocol.test_every,
-            hold_out=protocol.hold_out,
             seed=seed,
-            time_limit_s=protocol.time_limit_s,
-            max_travel=protocol.max_travel,
-            vehicles=protocol.vehicles,
-            registrable=protocol.registrable,
+            **protocol.model_dump(include=LoopSettings.model_fields.keys() - {"nearest"}),
         )
 
     def open(self, folder: Path, method: str, seed: int, monitor: Monitor) -> SelectionLoop:

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 import torch
 
-from fvs_engine.candidates import CandidateStatus
 from fvs_engine.geometry import PinholeCamera, look_at
 from fvs_engine.lab.baselines import create_selector
 from fvs_engine.plan.tours import Budget
@@ -13,6 +12,7 @@ from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import read_ply
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.views import PinholeView
+from fvs_schema.candidates import CandidateStatus
 
 CAMERA = PinholeCamera(32, 24, 30, 30, 16, 12)
 

@@ -6,7 +6,6 @@ from fvs_service.host.runner.scene_folder import SceneFolder
 from fvs_service.settings import WorkerSettings
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_schema.jobs import JobKind, JobRequest
 
@@ -29,7 +28,7 @@ def test_the_first_update_chooses_for_all(tmp_path: Path) -> None:
 def test_a_scene_that_begins_with_many_images_has_the_features_of_a_large_set(
     tmp_path: Path, images: int, many: bool
 ) -> None:
-    sfm = choose(SceneFolder(tmp_path), UPDATE, WorkerSettings(), images).sfm(None, None)
+    sfm = choose(SceneFolder(tmp_path), UPDATE, WorkerSettings(), images).settings(None, None).sfm
     usual = SfmSettings()
     assert sfm.features(5) == (usual.features_of_many if many else usual.features_of_few)
     assert sfm.features(50) == usual.features_of_many
@@ -41,8 +40,6 @@ def test_the_first_full_model_has_the_requested_iterations(
 ) -> None:
     request = UPDATE.model_copy(update={"iterations": requested})
     made = choose(SceneFolder(tmp_path), request, WorkerSettings(), images)
-    settings = SceneSettings(
-        initial_iterations=made.initial_iterations, iterations_per_view=made.iterations_per_image
-    )
+    settings = made.settings(None, None)
     assert settings.iterations_of("full", images) == requested
     assert requested <= settings.iterations_of("full", 2 * images) <= 2 * requested

@@ -3,6 +3,7 @@
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.records import Record
+from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings
 from fvs_engine.sfm.settings import FocalPrior, SfmSettings
 from fvs_schema.jobs import JobRequest
 from fvs_schema.scenes import CameraPrior
@@ -18,16 +19,23 @@ class SceneChoice(Record):
     initial_iterations: int
     iterations_per_image: int
     max_gaussians: int
-    many_images: bool = False
+    many_images: bool
     """Whether it began with many images: then the first ones have the features of a large set, too."""
 
-    def sfm(self, camera: CameraPrior | None, threads: int | None) -> SfmSettings:
-        """The settings of structure from motion."""
+    def settings(self, camera: CameraPrior | None, threads: int | None) -> SceneSettings:
+        """The settings of the scene."""
         prior = None if camera is None else FocalPrior.model_validate(camera.model_dump())
-        settings = SfmSettings(threads=threads, focal_prior=prior)
+        sfm = SfmSettings(threads=threads, focal_prior=prior)
         if self.many_images:
-            settings = settings.model_copy(update={"features_of_few": settings.features_of_many})
-        return settings
+            sfm = sfm.model_copy(update={"features_of_few": sfm.features_of_many})
+        return SceneSettings(
+            long_side_px=self.long_side_px,
+            initial_iterations=self.initial_iterations,
+            iterations_per_view=self.iterations_per_image,
+            warm_starts=True,
+            training=SCENE_TRAINING.model_copy(update={"max_gaussians": self.max_gaussians}),
+            sfm=sfm,
+        )
 
 
 def choose(folder: SceneFolder, request: JobRequest, settings: WorkerSettings, images: int) -> SceneChoice:
@@ -45,8 +53,7 @@ def choose(folder: SceneFolder, request: JobRequest, settings: WorkerSettings, i
             max_gaussians=settings.max_gaussians,
             many_images=has_first_model(first=True, images=images),
         )
-        # Workers of the version before read what has no default.
-        write_text_atomically(folder.choice, kept.model_dump_json(indent=1, exclude_defaults=True))
+        write_text_atomically(folder.choice, kept.model_dump_json(indent=1))
     for name, wanted, used in (
         ("long_side_px", request.long_side_px, kept.long_side_px),
         ("iterations", request.iterations, kept.initial_iterations),

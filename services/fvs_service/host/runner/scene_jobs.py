@@ -27,7 +27,7 @@ from fvs_engine.scene.quality import evenly_spaced, mean_psnr_db, measure
 from fvs_engine.scene.scene import Scene
 from fvs_engine.scene.scene_files import SceneFiles
 from fvs_engine.scene.scene_model import SceneModel
-from fvs_engine.scene.settings import SCENE_TRAINING, SceneSettings
+from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.sfm.growing.state import GrowthFolder
 from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.raster import Rasterizer
@@ -236,14 +236,7 @@ class SceneJobs:
     def _open_scene(self, request: RunJob, images: int, monitor: Monitor, warn: Warn) -> Scene:
         choice = choose(self._folder, request.request, self._settings, images)
         if self._scene is None:
-            settings = SceneSettings(
-                long_side_px=choice.long_side_px,
-                initial_iterations=choice.initial_iterations,
-                iterations_per_view=choice.iterations_per_image,
-                warm_starts=True,
-                training=SCENE_TRAINING.model_copy(update={"max_gaussians": choice.max_gaussians}),
-                sfm=choice.sfm(request.camera, self._settings.threads),
-            )
+            settings = choice.settings(request.camera, self._settings.threads)
             try:
                 self._scene = self._growing(settings, monitor)
             except OtherSettingsError:
