@@ -97,7 +97,7 @@ def _update(scene: Scene, iterations: int, long_side_px: int) -> Job:
             f"{metrics.gaussians:,} Gaussians after {metrics.iterations:,} iterations"
         )
     for warning in job.warnings:
-        console.print(f"  {warning}")
+        console.print(f"  {warning.message} {warning.hint}")
     return job
 
 

@@ -59,6 +59,7 @@ def on_files(files: Files, config: MkDocsConfig) -> Files:
         "reference/fvs.md": commands("fvs", fvs),
         "reference/fvs-client.md": commands("fvs-client", fvs_client),
         "reference/settings.md": settings(),
+        "reference/findings.md": findings(),
         "reference/client.md": _CLIENT,
         "design/index.md": design_notes(Path(config.docs_dir) / "design"),
         **engine(Path(config.config_file_path).parent / "fvs_engine"),
@@ -102,6 +103,17 @@ def settings() -> str:
             lines.append(
                 f"| `{prefix}{name.upper()}` | {shown} | {_cell(_values(field))} | {_cell(meaning)} |"
             )
+    return "\n".join(lines)
+
+
+def findings() -> str:
+    """The sentence and the hint of every finding; words in angle brackets are its data."""
+    from fvs_engine.wording import WORDING
+
+    lines = ["| code | message | hint |", "|---|---|---|"]
+    for code, wording in WORDING.items():
+        message, hint = (re.sub(r"\{(\w+)(?::[^}]*)?\}", r"‹\1›", part) for part in wording)
+        lines.append(f"| `{code}` | {_cell(message)} | {_cell(hint)} |")
     return "\n".join(lines)
 
 

@@ -3,7 +3,11 @@
 from collections.abc import Mapping
 
 from fvs_engine.images.names import listed
-from fvs_schema.findings import Finding, FindingCode, Severity
+from fvs_schema.candidates import CandidateStatus
+from fvs_schema.findings import Finding, FindingCode, Notice, Severity
+
+NEARER = "Give candidates nearer to the images: at most 15° from one to the next, as seen from the scene."
+ELSEWHERE = "Give candidates farther from matter, and as near to the images as these are to each other."
 
 _BETWEEN = "Photograph what lies between them and the others."
 _LOOK = "Look at the result before use."
@@ -217,16 +221,100 @@ WORDING: Mapping[FindingCode, tuple[str, str]] = {
         "{method}, seed {seed:.0f}, failed: {error}",
         "The same command tries it again.",
     ),
+    FindingCode.STARTED_AGAIN_AFTER_DAMAGE: (
+        "A file of the scene was damaged, so the scene was reconstructed from scratch.",
+        "Check the disk of the worker.",
+    ),
+    FindingCode.STARTED_AGAIN_WITH_SETTINGS: (
+        "The settings of the service have changed, so the scene was reconstructed from scratch.",
+        "Poses have a new model frame.",
+    ),
+    FindingCode.UPDATE_UNCHANGED: (
+        "The update changed nothing: its snapshot is the earlier {snapshot}.",
+        "Add images to change the model.",
+    ),
+    FindingCode.ILL_CONDITIONED: (
+        "The photographs lie on a line, or hardly farther apart than their positions are accurate, which "
+        "leaves the rotation of the world frame open: poses in it, also geodetic ones, may be off by tens of "
+        "degrees.",
+        "Fly a second line beside the first, or send yaw, pitch and roll of the camera with every image; or "
+        "give poses in the model frame.",
+    ),
+    FindingCode.POSITIONS_UNUSED: (
+        "The positions of the photographs contradict the model, or are too few: the world frame is the "
+        "model's, and lengths have no unit.",
+        "Check the units, axes and altitude datum of the positions, and whether they belong to these "
+        "photographs; or give poses in the model frame.",
+    ),
+    FindingCode.FEW_REGISTRABLE: (
+        "Likely to be registered are only {registrable:,.0f} of the {of:,.0f} candidates: they see little of "
+        "what the images show, or see it from too far aside.",
+        NEARER,
+    ),
+    FindingCode.NONE_FEASIBLE: ("None of the {of:,.0f} candidates is feasible: {against}.", ELSEWHERE),
+    FindingCode.FEWER_CANDIDATES: (
+        "The volume has room for {made:,.0f} of the {wanted:,.0f} candidates.",
+        "Give a larger volume, a smaller count, or a shorter safety distance.",
+    ),
+    FindingCode.CANDIDATES_DRAWN: (
+        "The plan considers {considered:,.0f} of the {of:,.0f} candidates, drawn evenly: with all of them it "
+        "would take too long.",
+        "Give fewer candidates, or fewer views.",
+    ),
+    FindingCode.VEHICLE_BLOCKED: (
+        "Vehicle {vehicle:.0f} of {of:.0f} gets no tour: its start is {where}.",
+        "Give it another start, or {remedy}.",
+    ),
+    FindingCode.VEHICLE_WITHOUT_WAY: (
+        "Vehicle {vehicle:.0f} of {of:.0f} gets no tour: no way leads from its start to a candidate.",
+        "Something is in the way: give it another start, or candidates on its side.",
+    ),
+    FindingCode.VEHICLE_OUT_OF_RANGE: (
+        "Vehicle {vehicle:.0f} of {of:.0f} gets no tour: its distance of {distance:.4g} does not reach any "
+        "candidate; the nearest is {nearest:.4g} away.",
+        "Give at least {least:.4g} for the way, or nearer candidates.",
+    ),
+    FindingCode.TOO_CLOSE: (
+        "Not planned, as they are inside matter, too close to it or in a no-fly zone: {left_out:,.0f} of the "
+        "{of:,.0f} candidates.",
+        ELSEWHERE,
+    ),
+    FindingCode.UNREACHABLE: (
+        "{missed:,.0f} of the {of:,.0f} candidates cannot be reached: no-fly zones or the model are in the "
+        "way.",
+        "Give a start on their side, smaller zones or a shorter safety distance.",
+    ),
+    FindingCode.SAME_POSE: (
+        "A plan takes one photograph of each pose; {copies:,.0f} of the {of:,.0f} candidates repeat that of "
+        "another.",
+        "Give candidates whose positions or directions differ.",
+    ),
+    FindingCode.NOTHING_IN_VIEW: (
+        "None of the planned views shows anything of the model.",
+        "Give candidates that look at the model, and check that they are in the frame of the scene.",
+    ),
 }
 """Code → the sentence and the hint, as format strings.
 
-Fields are the finding's numbers and texts, ``images`` (the first few), ``count`` of them, and ``pairs``.
+Fields are the finding's numbers and texts, ``images`` (the first few), ``count`` of them, ``pairs``, and
+``against``, how many candidates are not feasible for which reason.
 """
+
+_AGAINST = {
+    CandidateStatus.IN_MATTER: "inside matter",
+    CandidateStatus.TOO_CLOSE: "too close to matter",
+    CandidateStatus.NO_FLY: "in a no-fly zone",
+    CandidateStatus.OUT_OF_MODEL: "out of the model",
+    CandidateStatus.UNREGISTRABLE: "unlikely to be registered",
+}
+"""What is against candidates that are not feasible."""
 
 
 def sentence(finding: Finding) -> str:
     """What was found, for people."""
     start = "DOUBTFUL CAMERAS: " if finding.severity is Severity.DOUBT else ""
+    if (first := finding.numbers.get("first_images")) is not None:
+        start = f"The first {first:.0f} images: {start}"
     return start + WORDING[finding.code][0].format(**_fields(finding))
 
 
@@ -240,13 +328,24 @@ def text(finding: Finding) -> str:
     return f"{sentence(finding)} {hint(finding)}"
 
 
+def notice(finding: Finding) -> Notice:
+    """The finding with its sentence and hint."""
+    return Notice(**finding.model_dump(), message=sentence(finding), hint=hint(finding))
+
+
 def _fields(finding: Finding) -> dict[str, object]:
     images = finding.images
+    against = [
+        f"{finding.numbers[status]:,.0f} {reason}"
+        for status, reason in _AGAINST.items()
+        if status in finding.numbers
+    ]
     pairs = [f"{first} and {second}" for first, second in zip(images[::2], images[1::2], strict=False)]
     return {
         "images": listed(images),
         "pairs": listed(pairs),
         "count": len(images),
+        "against": ", ".join(against),
         **finding.numbers,
         **finding.texts,
     }

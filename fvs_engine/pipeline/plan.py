@@ -1,7 +1,6 @@
 """Plan of the views to photograph next, for a reconstruction in an output folder."""
 
 import json
-import logging
 from collections.abc import Sequence
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
@@ -27,15 +26,14 @@ from fvs_engine.plan.generate import MOST_CANDIDATES, Aim, candidates_in
 from fvs_engine.plan.kriging import variances
 from fvs_engine.plan.plan import considered
 from fvs_engine.plan.plan_records import Plan
-from fvs_engine.plan.registrable import NEARER, few_registrable
+from fvs_engine.plan.plan_warnings import few_registrable
 from fvs_engine.plan.tours import Budget
 from fvs_engine.plan.volumes import AnyVolume, volume_from_json
 from fvs_engine.records import Record
 from fvs_engine.views import PinholeView
+from fvs_schema.findings import Finding, FindingCode
 
 Position = tuple[float, float, float]
-
-_log = logging.getLogger(__name__)
 
 
 @dataclass(frozen=True)
@@ -101,19 +99,15 @@ def plan_next_views(
     space = None
     if flight is not None:
         space = model.space(flight.safety, tuple(map(read_volume, flight.no_fly)), monitor)
-    candidates = _candidates(model, candidates_file, flight, space)
+    candidates = _candidates(model, candidates_file, flight, space, monitor)
     targets: tuple[PinholeView, ...] = ()
     if targets_file:
         targets = read_candidates(targets_file, model.registered, model.aliases, most=MOST_CANDIDATES)
     places = [np.array(start) for start in starts] or [model.views[-1].centre] * vehicles
     given, candidates = len(candidates), considered(candidates, budget.views, MOST_PLACES - len(places))
     if len(candidates) < given:
-        _log.warning(
-            "The plan considers %s of the %s candidates, drawn evenly: with all of them it would take too "
-            "long. Give fewer candidates, or fewer views.",
-            f"{len(candidates):,}",
-            f"{given:,}",
-        )
+        code = FindingCode.CANDIDATES_DRAWN
+        monitor.warn(Finding.of(code, considered=len(candidates), of=given))
     if not all(np.isfinite(start).all() for start in starts):
         raise InvalidInputError("A start must be three finite numbers.", hint="Give --start X,Y,Z.")
     plan = model.plan(
@@ -125,11 +119,8 @@ def plan_next_views(
         space=space,
         monitor=monitor,
     )
-    few = few_registrable(plan.registrable, len(candidates))
-    if few is not None:
-        _log.warning("%s %s", few, NEARER)
-    for warning in plan.warnings:
-        _log.warning("%s %s", warning.message, warning.hint)
+    for finding in (*few_registrable(plan.registrable, len(candidates)), *plan.warnings):
+        monitor.warn(finding)
     by_name = {view.name: view for view in candidates}
     result = PlanResult(
         summary=plan.sentence("units"),
@@ -147,7 +138,7 @@ def plan_next_views(
 
 
 def _candidates(
-    model: FolderModel, file: Path | None, flight: Flight | None, space: FreeSpace | None
+    model: FolderModel, file: Path | None, flight: Flight | None, space: FreeSpace | None, monitor: Monitor
 ) -> tuple[PinholeView, ...]:
     """The candidates of a file, or those of the flight's volume."""
     if flight is None or space is None or flight.volume is None:
@@ -155,12 +146,7 @@ def _candidates(
     volume = read_volume(flight.volume)
     found = candidates_in(volume, flight.count, model.camera, up=model.up, aim=flight.aim, space=space)
     if len(found) < flight.count:
-        _log.warning(
-            "The volume has room for %s of the %s candidates. Give a larger volume, a smaller count, or "
-            "a shorter safety distance.",
-            f"{len(found):,}",
-            f"{flight.count:,}",
-        )
+        monitor.warn(Finding.of(FindingCode.FEWER_CANDIDATES, made=len(found), wanted=flight.count))
     return found
 
 

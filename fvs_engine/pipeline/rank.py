@@ -1,6 +1,5 @@
 """Ranking of candidate views by a trained model."""
 
-import logging
 from dataclasses import asdict, dataclass, replace
 from datetime import UTC, datetime
 from pathlib import Path
@@ -16,15 +15,13 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import candidates_of
 from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet
 from fvs_engine.pipeline.model import open_model
-from fvs_engine.plan.registrable import ELSEWHERE, NEARER, few_registrable, none_feasible
+from fvs_engine.plan.plan_warnings import few_registrable, none_feasible
 from fvs_engine.records import Record
 from fvs_engine.score import MedianFrequency, MedianFrequencyEstimate, MedianFrequencyFast, Scorer
 from fvs_engine.score.selectors.renders import ScorerSelector
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.views import PinholeView
 from fvs_schema.stages import Stage
-
-_log = logging.getLogger(__name__)
 
 SHEET_CANDIDATES = 12
 """Number of candidates on the contact sheet by default."""
@@ -89,12 +86,11 @@ def rank_candidates(
         rank_all=rank_all,
         monitor=monitor,
     )
-    for message, hint in (
-        (few_registrable(ranked.registrable, len(candidates)), NEARER),
-        (none_feasible(item.status for item in ranked.candidates), ELSEWHERE),
+    for finding in (
+        *few_registrable(ranked.registrable, len(candidates)),
+        *none_feasible(item.status for item in ranked.candidates),
     ):
-        if message is not None:
-            _log.warning("%s %s", message, hint)
+        monitor.warn(finding)
     by_name = {candidate.name: candidate for candidate in candidates}
     ranking = RankingResult(
         method=selector.name,

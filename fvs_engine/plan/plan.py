@@ -14,11 +14,11 @@ from fvs_engine.plan.outlook import Expectations
 from fvs_engine.plan.plan_records import Plan, Stop, Term, VehicleTour
 from fvs_engine.plan.plan_warnings import copied_candidates, grounded_vehicles, unreachable_candidates
 from fvs_engine.plan.planner import Mask
-from fvs_engine.plan.registrable import NEARER
 from fvs_engine.plan.route import Legs, StraightLegs
 from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget, plan_tours
 from fvs_engine.views import PinholeView
+from fvs_engine.wording import NEARER
 
 Array = NDArray[np.float64]
 

@@ -1,8 +1,7 @@
 """Records of plans: what is planned, and what to expect. Imports nothing heavy."""
 
-from typing import Literal
-
 from fvs_engine.records import Record
+from fvs_schema.findings import Finding
 
 COVERAGE = 0.8
 """Probability of the interval that a forecast gives."""
@@ -87,14 +86,6 @@ class VehicleTour(Record):
     via_home: tuple[tuple[float, float, float], ...] = ()
 
 
-class PlanWarning(Record):
-    """What limits a plan, and the remedy."""
-
-    code: Literal["vehicle-grounded", "unreachable", "same-pose", "nothing-in-view", "too-close"]
-    message: str
-    hint: str
-
-
 class Plan(Record):
     """Tours, what to expect ``now`` and at the ``end``, and the terms of candidates, planned ones first.
 
@@ -112,7 +103,7 @@ class Plan(Record):
     targets: tuple[str, ...]
     target_variances: tuple[tuple[float, float], ...]
     registrable: int | None = None
-    warnings: tuple[PlanWarning, ...] = ()
+    warnings: tuple[Finding, ...] = ()
 
     @property
     def stops(self) -> int:

@@ -280,13 +280,12 @@ def _reachable(budget: Budget, admissible: Admissible, legs: Legs, starts: Seque
         given, away = (budget.scale * float(length) for length in (distance, nearest.min()))
         raise InvalidInputError(
             f"A distance of {given:.4g} does not reach any candidate: the nearest is {away:.4g} away.",
-            hint=least_distance(budget, float(nearest.min())),
+            hint=f"Give at least {least_distance(budget, float(nearest.min())):.4g} for the way, or nearer "
+            "candidates.",
         )
     return np.asarray(reachable)
 
 
-def least_distance(budget: Budget, nearest: float) -> str:
-    """The hint where a distance is too short for the way to the ``nearest`` candidate."""
-    back = " and back" if budget.home else ""
-    least = rounded_up(budget.scale * budget.there(nearest))
-    return f"Give at least {least:.4g} for the way there{back}, or nearer candidates."
+def least_distance(budget: Budget, nearest: float) -> float:
+    """The distance that suffices for the way to the ``nearest`` candidate, and back where it must."""
+    return rounded_up(budget.scale * budget.there(nearest))

@@ -17,11 +17,12 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.clearance import FreeSpace, Matter
 from fvs_engine.plan.familiarity import Familiarity, Observations
-from fvs_engine.plan.registrable import ELSEWHERE, none_feasible
+from fvs_engine.plan.plan_warnings import none_feasible
 from fvs_engine.score.estimate.nearness import Look, Nearness, nearest_photographs
 from fvs_engine.score.parallel import map_in_order
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.views import PinholeView
+from fvs_engine.wording import hint, sentence
 from fvs_schema.candidates import CandidateStatus
 from fvs_schema.stages import Stage
 
@@ -69,7 +70,8 @@ class Assessment:
         """
         kept = tuple(view for view in candidates if self.against.get(view.name) not in _IMPOSSIBLE)
         if candidates and not kept:
-            raise InvalidInputError(none_feasible(self.against.values()) or "", hint=ELSEWHERE)
+            (found,) = none_feasible(self.against.values())
+            raise InvalidInputError(sentence(found), hint=hint(found))
         return kept
 
     def complete(

@@ -6,6 +6,9 @@ from typing import Any
 from contract_scenarios import ORIGIN, Compare, model_of, refused
 from fvs_service.principal import Scope
 
+from fvs_engine.wording import hint, notice, sentence
+from fvs_schema.findings import Finding, FindingCode, Severity
+
 UNKNOWN = "scn_01m000000000000000000000zz"
 NOTHING = f"sha256:{'0' * 64}"
 
@@ -156,6 +159,27 @@ def test_a_failed_job_says_why(compare: Compare) -> None:
         failed = tenant.call("GetJob", job_id=job).result
         assert failed["state"] == "failed"
         assert failed["error"]["code"] == "too-few-images"
+
+    compare(scenario)
+
+
+def test_a_warning_of_a_job_carries_its_code(compare: Compare) -> None:
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        job = tenant.call("CreateJob", {"kind": "update"}, scene_id=scene).result["id"]
+        storage, lease = tenant.gateway.application.storage, tenant.gateway.lease(scene)
+        storage.ledger.start(lease, job, 1)
+        crash = Finding.of(
+            FindingCode.QUARANTINED, ["a.jpg"], Severity.DOUBT, stage="match", how="SIGSEGV", of=12
+        )
+        storage.ledger.warn(lease, job, notice(crash))
+        storage.ledger.succeed(lease, job)
+        storage.leases.release(lease)
+        (warning,) = tenant.call("GetJob", job_id=job).result["warnings"]
+        assert (warning["code"], warning["severity"]) == ("quarantined", "doubt")
+        assert (warning["images"], warning["numbers"]) == (["a.jpg"], {"of": 12})
+        assert warning["texts"] == {"stage": "match", "how": "SIGSEGV"}
+        assert (warning["message"], warning["hint"]) == (sentence(crash), hint(crash))
 
     compare(scenario)
 

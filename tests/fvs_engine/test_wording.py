@@ -4,10 +4,10 @@ import string
 
 import pytest
 
-from fvs_engine.wording import WORDING, hint, sentence, text
+from fvs_engine.wording import WORDING, hint, notice, sentence, text
 from fvs_schema.findings import Finding, FindingCode, Severity
 
-GIVEN = {"images", "count", "pairs"}
+GIVEN = {"images", "count", "pairs", "against"}
 
 
 class _Samples(dict[str, float | str]):
@@ -39,6 +39,19 @@ def test_a_doubt_says_so_and_many_images_are_counted() -> None:
 def test_conflicting_views_are_named_in_pairs() -> None:
     finding = Finding.of(FindingCode.CONFLICTING_VIEWS, ["a", "b", "a", "c"])
     assert sentence(finding).startswith("a and b, a and c should overlap")
+
+
+def test_what_is_against_candidates_is_counted() -> None:
+    finding = Finding(code=FindingCode.NONE_FEASIBLE, numbers={"of": 8, "too-close": 5, "in-matter": 3})
+    said = "None of the 8 candidates is feasible: 3 inside matter, 5 too close to matter."
+    assert sentence(finding) == said
+
+
+def test_a_notice_is_the_finding_with_its_sentence() -> None:
+    finding = Finding.of(FindingCode.UNMATCHED, ["a.jpg"], first_images=10)
+    shown = notice(finding)
+    assert shown.message == "The first 10 images: Not registered, as no other image matches: a.jpg."
+    assert (shown.code, shown.images, shown.hint) == (finding.code, finding.images, hint(finding))
 
 
 def test_a_finding_survives_json() -> None:

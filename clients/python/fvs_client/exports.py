@@ -78,7 +78,6 @@ from fvs_schema.rankings import (
     RankedCandidate,
     RankingRequest,
     RankingSummary,
-    RankingWarning,
     ScoredCandidate,
 )
 from fvs_schema.scenes import (
@@ -201,7 +200,6 @@ __all__ = [
     "RankingMethod",
     "RankingRequest",
     "RankingSummary",
-    "RankingWarning",
     "Registration",
     "Retention",
     "Retries",

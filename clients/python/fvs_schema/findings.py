@@ -4,7 +4,7 @@ from collections.abc import Iterable
 
 from pydantic import Field
 
-from fvs_schema.base import Model
+from fvs_schema.base import Output
 from fvs_schema.words import Word
 
 
@@ -82,9 +82,26 @@ class FindingCode(Word):
     NONE_HELD_OUT = "none-held-out"
     LITTLE_MEMORY = "little-memory"
     RUN_FAILED = "run-failed"
+    STARTED_AGAIN_AFTER_DAMAGE = "started-again-after-damage"
+    STARTED_AGAIN_WITH_SETTINGS = "started-again-with-settings"
+    UPDATE_UNCHANGED = "update-unchanged"
+
+    ILL_CONDITIONED = "ill-conditioned"
+    POSITIONS_UNUSED = "positions-unused"
+    FEW_REGISTRABLE = "few-registrable"
+    NONE_FEASIBLE = "none-feasible"
+    FEWER_CANDIDATES = "fewer-candidates"
+    CANDIDATES_DRAWN = "candidates-drawn"
+    VEHICLE_BLOCKED = "vehicle-blocked"
+    VEHICLE_WITHOUT_WAY = "vehicle-without-way"
+    VEHICLE_OUT_OF_RANGE = "vehicle-out-of-range"
+    TOO_CLOSE = "too-close"
+    UNREACHABLE = "unreachable"
+    SAME_POSE = "same-pose"
+    NOTHING_IN_VIEW = "nothing-in-view"
 
 
-class Finding(Model):
+class Finding(Output):
     """One finding: its ``code``, the images that it is about, and the numbers and words of its sentence."""
 
     code: FindingCode
@@ -92,7 +109,8 @@ class Finding(Model):
     severity: Severity = Severity.WARNING
     """What it means for the result."""
     images: tuple[str, ...] = ()
-    """The images that it is about; of conflicting views, the two of each pair one after the other."""
+    """The images that it is about, on the wire their digests; of conflicting views the two of each pair, one
+    after the other."""
     numbers: dict[str, float] = Field(default={})
     """Its numbers, by name."""
     texts: dict[str, str] = Field(default={})
@@ -118,3 +136,12 @@ class Finding(Model):
             numbers={name: value for name, value in data.items() if not isinstance(value, str)},
             texts={name: value for name, value in data.items() if isinstance(value, str)},
         )
+
+
+class Notice(Finding):
+    """A finding for people, too."""
+
+    message: str
+    """What was found, in a sentence; images have their senders' names."""
+    hint: str
+    """What to do about it."""

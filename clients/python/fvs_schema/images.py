@@ -6,6 +6,7 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from fvs_schema.base import Input, Listing, Output, Timestamp
 from fvs_schema.checks import of_fields, within
+from fvs_schema.findings import FindingCode
 from fvs_schema.names import Digest, ImageName
 from fvs_schema.quantities import (
     Altitude,
@@ -218,6 +219,8 @@ class Image(Output):
     """Why it is not accepted, excluded, quarantined or unregistered; else empty."""
     hint: str
     """What to do about it; else empty."""
+    finding: FindingCode | None = None
+    """The kind of the reason why it is quarantined or unregistered, for programs; else null."""
     warnings: tuple[ImageWarning, ...]
     """Warnings about an accepted image."""
     duplicate_of: Digest | None

@@ -6,6 +6,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from fvs_schema.base import Input, Listing, Output, Page, Timestamp
 from fvs_schema.checks import of_fields
+from fvs_schema.findings import Notice
 from fvs_schema.quantities import WHOLE, Count, Number
 from fvs_schema.stages import Stage
 from fvs_schema.words import Word
@@ -133,8 +134,8 @@ class Job(Output):
     """Counts from 1; `…:retry` begins another."""
     cancel_requested: bool
     """Whether it ends as soon as it can."""
-    warnings: tuple[str, ...]
-    """What limits the use of the result, each a sentence."""
+    warnings: tuple[Notice, ...]
+    """What limits the use of the result."""
     error: JobFailure | None
     """Why it failed; null unless it has."""
     snapshot_id: str | None

@@ -7,10 +7,10 @@ from pydantic import ConfigDict, Field, model_validator
 from fvs_schema.base import Input, Listing, Output, Timestamp
 from fvs_schema.candidates import Candidate, Dataset, Grid, InVolume, Orbit, SafetyDistance, Zones
 from fvs_schema.checks import of_fields, within
+from fvs_schema.findings import Notice
 from fvs_schema.names import VehicleName
 from fvs_schema.poses import Pose, PoseFrame, frame_of
 from fvs_schema.quantities import WHOLE, Count, Length, Number
-from fvs_schema.rankings import RankingWarning
 from fvs_schema.scenes import Alignment, Origin
 
 _MOST_VEHICLES = 20
@@ -216,7 +216,7 @@ class Plan(Output):
     """The alignment of the model with the world."""
     origin: Origin | None = None
     """The ENU origin that geodetic poses refer to; null in scenes that are not georeferenced."""
-    warnings: tuple[RankingWarning, ...] = ()
+    warnings: tuple[Notice, ...] = ()
     """Limits of the use of the plan."""
     created_at: Timestamp
     """When it was made."""

@@ -16,11 +16,12 @@ from fvs_schema.candidates import (
     Zones,
 )
 from fvs_schema.checks import of_fields, within
+from fvs_schema.findings import Notice
 from fvs_schema.names import VehicleName
 from fvs_schema.poses import Pose, PoseFrame, frame_of
 from fvs_schema.quantities import WHOLE, Count, Length, Number
 from fvs_schema.scenes import Alignment, Origin
-from fvs_schema.words import Method, Word
+from fvs_schema.words import Method
 
 _FEW_CANDIDATES = 100
 
@@ -138,42 +139,6 @@ class RankingRequest(Input):
         return self
 
 
-class RankingWarningCode(Word):
-    """The kind of a warning, for programs."""
-
-    ILL_CONDITIONED = "ill-conditioned"
-    """The axes of the world frame may be turned about the line of the cameras."""
-    POSITIONS_UNUSED = "positions-unused"
-    """The positions of the images contradict the model: the world frame is the model's."""
-    FEW_REGISTRABLE = "few-registrable"
-    """Hardly any candidate sees enough of what the images show to be registered."""
-    NONE_FEASIBLE = "none-feasible"
-    """No candidate has a rank: all are in matter, too close to it, or unlikely to be registered."""
-    FEWER_CANDIDATES = "fewer-candidates"
-    """The generator made fewer candidates than requested: the volume has no room for more."""
-    VEHICLE_GROUNDED = "vehicle-grounded"
-    """A vehicle of a plan gets no tour, because it cannot fly to any candidate."""
-    TOO_CLOSE = "too-close"
-    """Some candidates of a plan are inside matter, too close to it or in a no-fly zone, and not planned."""
-    UNREACHABLE = "unreachable"
-    """No way leads to some candidates of a plan: no-fly zones or the model are in the way."""
-    SAME_POSE = "same-pose"
-    """Some candidates of a plan have the pose of another, and are not planned."""
-    NOTHING_IN_VIEW = "nothing-in-view"
-    """None of the planned views shows anything of the model."""
-
-
-class RankingWarning(Output):
-    """What limits the use of a ranking, and the remedy."""
-
-    code: RankingWarningCode
-    """Stable, for programs."""
-    message: str
-    """What limits the use, in a sentence."""
-    hint: str
-    """What to do about it."""
-
-
 class ScoredCandidate(Output):
     """One candidate that has been scored, before the ranking is known."""
 
@@ -232,7 +197,7 @@ class Ranking(Output):
     """Time of scoring."""
     waited_s: Number = 0.0
     """Time in the queue behind other rankings of the same scene."""
-    warnings: tuple[RankingWarning, ...] = ()
+    warnings: tuple[Notice, ...] = ()
     """Limits of the use of the ranking."""
     created_at: Timestamp
     """When it was made."""

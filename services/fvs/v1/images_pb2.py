@@ -23,64 +23,65 @@ _sym_db = _symbol_database.Default()
 
 
 from fvs.v1 import downloads_pb2 as fvs_dot_v1_dot_downloads__pb2
+from fvs.v1 import findings_pb2 as fvs_dot_v1_dot_findings__pb2
 from fvs.v1 import poses_pb2 as fvs_dot_v1_dot_poses__pb2
 from google.protobuf import empty_pb2 as google_dot_protobuf_dot_empty__pb2
 from google.protobuf import timestamp_pb2 as google_dot_protobuf_dot_timestamp__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x13\x66vs/v1/images.proto\x12\x06\x66vs.v1\x1a\x16\x66vs/v1/downloads.proto\x1a\x12\x66vs/v1/poses.proto\x1a\x1bgoogle/protobuf/empty.proto\x1a\x1fgoogle/protobuf/timestamp.proto\"J\n\x12\x43heckImagesRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\"\n\x05\x63heck\x18\x02 \x01(\x0b\x32\x13.fvs.v1.DigestCheck\"\x82\x01\n\x0bImageUpload\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x0e\n\x06\x64igest\x18\x02 \x01(\t\x12\x12\n\nsize_bytes\x18\x03 \x01(\x03\x12\x14\n\x0coffset_bytes\x18\x04 \x01(\x03\x12\'\n\x08metadata\x18\x05 \x01(\x0b\x32\x15.fvs.v1.ImageMetadata\"T\n\x12UploadImageRequest\x12%\n\x06upload\x18\x01 \x01(\x0b\x32\x13.fvs.v1.ImageUploadH\x00\x12\x0f\n\x05\x63hunk\x18\x02 \x01(\x0cH\x00\x42\x06\n\x04part\"D\n\x13UploadImageResponse\x12\x0f\n\x07\x63reated\x18\x01 \x01(\x08\x12\x1c\n\x05image\x18\x02 \x01(\x0b\x32\r.fvs.v1.Image\"4\n\x10GetUploadRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x0e\n\x06\x64igest\x18\x02 \x01(\t\"\x84\x01\n\x06Upload\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x0e\n\x06\x64igest\x18\x02 \x01(\t\x12\x12\n\nsize_bytes\x18\x03 \x01(\x03\x12\x14\n\x0coffset_bytes\x18\x04 \x01(\x03\x12.\n\nexpires_at\x18\x05 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\"a\n\x11ListImagesRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x12\n\x05\x61\x66ter\x18\x02 \x01(\tH\x00\x88\x01\x01\x12\x12\n\x05limit\x18\x03 \x01(\x05H\x01\x88\x01\x01\x42\x08\n\x06_afterB\x08\n\x06_limit\"3\n\x0fGetImageRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x0e\n\x06\x64igest\x18\x02 \x01(\t\"6\n\x12\x44\x65leteImageRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x0e\n\x06\x64igest\x18\x02 \x01(\t\"7\n\x13\x45xcludeImageRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x0e\n\x06\x64igest\x18\x02 \x01(\t\"7\n\x13IncludeImageRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x0e\n\x06\x64igest\x18\x02 \x01(\t\"c\n\x14\x44ownloadImageRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x0e\n\x06\x64igest\x18\x02 \x01(\t\x12\r\n\x05start\x18\x03 \x01(\x03\x12\x11\n\x04stop\x18\x04 \x01(\x03H\x00\x88\x01\x01\x42\x07\n\x05_stop\"\x83\x04\n\x05Prior\x12#\n\x06source\x18\x01 \x01(\x0e\x32\x13.fvs.v1.PriorSource\x12\x19\n\x0clatitude_deg\x18\x02 \x01(\x01H\x00\x88\x01\x01\x12\x1a\n\rlongitude_deg\x18\x03 \x01(\x01H\x01\x88\x01\x01\x12\x17\n\naltitude_m\x18\x04 \x01(\x01H\x02\x88\x01\x01\x12-\n\x0e\x61ltitude_datum\x18\x05 \x01(\x0e\x32\x15.fvs.v1.AltitudeDatum\x12\x10\n\x03x_m\x18\x06 \x01(\x01H\x03\x88\x01\x01\x12\x10\n\x03y_m\x18\x07 \x01(\x01H\x04\x88\x01\x01\x12\x10\n\x03z_m\x18\x08 \x01(\x01H\x05\x88\x01\x01\x12\x14\n\x07yaw_deg\x18\t \x01(\x01H\x06\x88\x01\x01\x12\x16\n\tpitch_deg\x18\n \x01(\x01H\x07\x88\x01\x01\x12\x15\n\x08roll_deg\x18\x0b \x01(\x01H\x08\x88\x01\x01\x12\x1d\n\x10position_sigma_m\x18\x0c \x01(\x01H\t\x88\x01\x01\x12\x1f\n\x12\x61ttitude_sigma_deg\x18\r \x01(\x01H\n\x88\x01\x01\x42\x0f\n\r_latitude_degB\x10\n\x0e_longitude_degB\r\n\x0b_altitude_mB\x06\n\x04_x_mB\x06\n\x04_y_mB\x06\n\x04_z_mB\n\n\x08_yaw_degB\x0c\n\n_pitch_degB\x0b\n\t_roll_degB\x13\n\x11_position_sigma_mB\x15\n\x13_attitude_sigma_deg\"\xb3\x04\n\rImageMetadata\x12\x11\n\x04name\x18\x01 \x01(\tH\x00\x88\x01\x01\x12/\n\x0b\x63\x61ptured_at\x18\x02 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\x19\n\x0clatitude_deg\x18\x03 \x01(\x01H\x01\x88\x01\x01\x12\x1a\n\rlongitude_deg\x18\x04 \x01(\x01H\x02\x88\x01\x01\x12\x17\n\naltitude_m\x18\x05 \x01(\x01H\x03\x88\x01\x01\x12-\n\x0e\x61ltitude_datum\x18\x06 \x01(\x0e\x32\x15.fvs.v1.AltitudeDatum\x12\x10\n\x03x_m\x18\x07 \x01(\x01H\x04\x88\x01\x01\x12\x10\n\x03y_m\x18\x08 \x01(\x01H\x05\x88\x01\x01\x12\x10\n\x03z_m\x18\t \x01(\x01H\x06\x88\x01\x01\x12\x14\n\x07yaw_deg\x18\n \x01(\x01H\x07\x88\x01\x01\x12\x16\n\tpitch_deg\x18\x0b \x01(\x01H\x08\x88\x01\x01\x12\x15\n\x08roll_deg\x18\x0c \x01(\x01H\t\x88\x01\x01\x12\x1d\n\x10position_sigma_m\x18\r \x01(\x01H\n\x88\x01\x01\x12\x1f\n\x12\x61ttitude_sigma_deg\x18\x0e \x01(\x01H\x0b\x88\x01\x01\x42\x07\n\x05_nameB\x0f\n\r_latitude_degB\x10\n\x0e_longitude_degB\r\n\x0b_altitude_mB\x06\n\x04_x_mB\x06\n\x04_y_mB\x06\n\x04_z_mB\n\n\x08_yaw_degB\x0c\n\n_pitch_degB\x0b\n\t_roll_degB\x13\n\x11_position_sigma_mB\x15\n\x13_attitude_sigma_deg\"\xdd\x04\n\x05Image\x12\x0e\n\x06\x64igest\x18\x01 \x01(\t\x12\x10\n\x08scene_id\x18\x02 \x01(\t\x12\x0e\n\x06number\x18\x03 \x01(\x05\x12\x0c\n\x04name\x18\x04 \x01(\t\x12 \n\x07verdict\x18\x05 \x01(\x0e\x32\x0f.fvs.v1.Verdict\x12\x0e\n\x06reason\x18\x06 \x01(\t\x12\x0c\n\x04hint\x18\x07 \x01(\t\x12&\n\x08warnings\x18\x08 \x03(\x0e\x32\x14.fvs.v1.ImageWarning\x12\x19\n\x0c\x64uplicate_of\x18\t \x01(\tH\x00\x88\x01\x01\x12*\n\x0cregistration\x18\n \x01(\x0e\x32\x14.fvs.v1.Registration\x12\x12\n\nsize_bytes\x18\x0b \x01(\x03\x12\x13\n\x06\x66ormat\x18\x0c \x01(\tH\x01\x88\x01\x01\x12\x15\n\x08width_px\x18\r \x01(\x05H\x02\x88\x01\x01\x12\x16\n\theight_px\x18\x0e \x01(\x05H\x03\x88\x01\x01\x12\x1c\n\x0f\x66ocal_length_px\x18\x0f \x01(\x01H\x04\x88\x01\x01\x12\x16\n\tsharpness\x18\x10 \x01(\x01H\x05\x88\x01\x01\x12\x1c\n\x05prior\x18\x11 \x01(\x0b\x32\r.fvs.v1.Prior\x12/\n\x0b\x63\x61ptured_at\x18\x12 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12/\n\x0breceived_at\x18\x13 \x01(\x0b\x32\x1a.google.protobuf.TimestampB\x0f\n\r_duplicate_ofB\t\n\x07_formatB\x0b\n\t_width_pxB\x0c\n\n_height_pxB\x12\n\x10_focal_length_pxB\x0c\n\n_sharpness\"E\n\tImageList\x12\x1c\n\x05items\x18\x01 \x03(\x0b\x32\r.fvs.v1.Image\x12\x11\n\x04next\x18\x02 \x01(\tH\x00\x88\x01\x01\x42\x07\n\x05_next\"\x1e\n\x0b\x44igestCheck\x12\x0f\n\x07\x64igests\x18\x01 \x03(\t\"\\\n\nKnownImage\x12\x0e\n\x06\x64igest\x18\x01 \x01(\t\x12 \n\x07verdict\x18\x02 \x01(\x0e\x32\x0f.fvs.v1.Verdict\x12\x0e\n\x06reason\x18\x03 \x01(\t\x12\x0c\n\x04hint\x18\x04 \x01(\t\"R\n\x0c\x44igestAnswer\x12\r\n\x05known\x18\x01 \x03(\t\x12\x0f\n\x07missing\x18\x02 \x03(\t\x12\"\n\x06images\x18\x03 \x03(\x0b\x32\x12.fvs.v1.KnownImage*\xad\x01\n\x07Verdict\x12\x17\n\x13VERDICT_UNSPECIFIED\x10\x00\x12\x14\n\x10VERDICT_ACCEPTED\x10\x01\x12\x15\n\x11VERDICT_DUPLICATE\x10\x02\x12\x16\n\x12VERDICT_UNREADABLE\x10\x03\x12\x15\n\x11VERDICT_TOO_SMALL\x10\x04\x12\x15\n\x11VERDICT_TOO_LARGE\x10\x05\x12\x16\n\x12VERDICT_TOO_NARROW\x10\x06*\xd4\x01\n\x0cRegistration\x12\x1c\n\x18REGISTRATION_UNSPECIFIED\x10\x00\x12\x18\n\x14REGISTRATION_PENDING\x10\x01\x12\x1b\n\x17REGISTRATION_REGISTERED\x10\x02\x12\x1d\n\x19REGISTRATION_UNREGISTERED\x10\x03\x12\x17\n\x13REGISTRATION_UNUSED\x10\x04\x12\x19\n\x15REGISTRATION_EXCLUDED\x10\x05\x12\x1c\n\x18REGISTRATION_QUARANTINED\x10\x06*l\n\x0cImageWarning\x12\x1d\n\x19IMAGE_WARNING_UNSPECIFIED\x10\x00\x12\x19\n\x15IMAGE_WARNING_BLURRED\x10\x01\x12\"\n\x1eIMAGE_WARNING_POSITION_IGNORED\x10\x02*`\n\x0bPriorSource\x12\x1c\n\x18PRIOR_SOURCE_UNSPECIFIED\x10\x00\x12\x18\n\x14PRIOR_SOURCE_REQUEST\x10\x01\x12\x19\n\x15PRIOR_SOURCE_METADATA\x10\x02\x32\xc2\x04\n\x0cImageService\x12?\n\x0b\x43heckImages\x12\x1a.fvs.v1.CheckImagesRequest\x1a\x14.fvs.v1.DigestAnswer\x12H\n\x0bUploadImage\x12\x1a.fvs.v1.UploadImageRequest\x1a\x1b.fvs.v1.UploadImageResponse(\x01\x12\x35\n\tGetUpload\x12\x18.fvs.v1.GetUploadRequest\x1a\x0e.fvs.v1.Upload\x12:\n\nListImages\x12\x19.fvs.v1.ListImagesRequest\x1a\x11.fvs.v1.ImageList\x12\x32\n\x08GetImage\x12\x17.fvs.v1.GetImageRequest\x1a\r.fvs.v1.Image\x12\x41\n\x0b\x44\x65leteImage\x12\x1a.fvs.v1.DeleteImageRequest\x1a\x16.google.protobuf.Empty\x12:\n\x0c\x45xcludeImage\x12\x1b.fvs.v1.ExcludeImageRequest\x1a\r.fvs.v1.Image\x12:\n\x0cIncludeImage\x12\x1b.fvs.v1.IncludeImageRequest\x1a\r.fvs.v1.Image\x12\x45\n\rDownloadImage\x12\x1c.fvs.v1.DownloadImageRequest\x1a\x14.fvs.v1.DownloadPart0\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x13\x66vs/v1/images.proto\x12\x06\x66vs.v1\x1a\x16\x66vs/v1/downloads.proto\x1a\x15\x66vs/v1/findings.proto\x1a\x12\x66vs/v1/poses.proto\x1a\x1bgoogle/protobuf/empty.proto\x1a\x1fgoogle/protobuf/timestamp.proto\"J\n\x12\x43heckImagesRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\"\n\x05\x63heck\x18\x02 \x01(\x0b\x32\x13.fvs.v1.DigestCheck\"\x82\x01\n\x0bImageUpload\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x0e\n\x06\x64igest\x18\x02 \x01(\t\x12\x12\n\nsize_bytes\x18\x03 \x01(\x03\x12\x14\n\x0coffset_bytes\x18\x04 \x01(\x03\x12\'\n\x08metadata\x18\x05 \x01(\x0b\x32\x15.fvs.v1.ImageMetadata\"T\n\x12UploadImageRequest\x12%\n\x06upload\x18\x01 \x01(\x0b\x32\x13.fvs.v1.ImageUploadH\x00\x12\x0f\n\x05\x63hunk\x18\x02 \x01(\x0cH\x00\x42\x06\n\x04part\"D\n\x13UploadImageResponse\x12\x0f\n\x07\x63reated\x18\x01 \x01(\x08\x12\x1c\n\x05image\x18\x02 \x01(\x0b\x32\r.fvs.v1.Image\"4\n\x10GetUploadRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x0e\n\x06\x64igest\x18\x02 \x01(\t\"\x84\x01\n\x06Upload\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x0e\n\x06\x64igest\x18\x02 \x01(\t\x12\x12\n\nsize_bytes\x18\x03 \x01(\x03\x12\x14\n\x0coffset_bytes\x18\x04 \x01(\x03\x12.\n\nexpires_at\x18\x05 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\"a\n\x11ListImagesRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x12\n\x05\x61\x66ter\x18\x02 \x01(\tH\x00\x88\x01\x01\x12\x12\n\x05limit\x18\x03 \x01(\x05H\x01\x88\x01\x01\x42\x08\n\x06_afterB\x08\n\x06_limit\"3\n\x0fGetImageRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x0e\n\x06\x64igest\x18\x02 \x01(\t\"6\n\x12\x44\x65leteImageRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x0e\n\x06\x64igest\x18\x02 \x01(\t\"7\n\x13\x45xcludeImageRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x0e\n\x06\x64igest\x18\x02 \x01(\t\"7\n\x13IncludeImageRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x0e\n\x06\x64igest\x18\x02 \x01(\t\"c\n\x14\x44ownloadImageRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x0e\n\x06\x64igest\x18\x02 \x01(\t\x12\r\n\x05start\x18\x03 \x01(\x03\x12\x11\n\x04stop\x18\x04 \x01(\x03H\x00\x88\x01\x01\x42\x07\n\x05_stop\"\x83\x04\n\x05Prior\x12#\n\x06source\x18\x01 \x01(\x0e\x32\x13.fvs.v1.PriorSource\x12\x19\n\x0clatitude_deg\x18\x02 \x01(\x01H\x00\x88\x01\x01\x12\x1a\n\rlongitude_deg\x18\x03 \x01(\x01H\x01\x88\x01\x01\x12\x17\n\naltitude_m\x18\x04 \x01(\x01H\x02\x88\x01\x01\x12-\n\x0e\x61ltitude_datum\x18\x05 \x01(\x0e\x32\x15.fvs.v1.AltitudeDatum\x12\x10\n\x03x_m\x18\x06 \x01(\x01H\x03\x88\x01\x01\x12\x10\n\x03y_m\x18\x07 \x01(\x01H\x04\x88\x01\x01\x12\x10\n\x03z_m\x18\x08 \x01(\x01H\x05\x88\x01\x01\x12\x14\n\x07yaw_deg\x18\t \x01(\x01H\x06\x88\x01\x01\x12\x16\n\tpitch_deg\x18\n \x01(\x01H\x07\x88\x01\x01\x12\x15\n\x08roll_deg\x18\x0b \x01(\x01H\x08\x88\x01\x01\x12\x1d\n\x10position_sigma_m\x18\x0c \x01(\x01H\t\x88\x01\x01\x12\x1f\n\x12\x61ttitude_sigma_deg\x18\r \x01(\x01H\n\x88\x01\x01\x42\x0f\n\r_latitude_degB\x10\n\x0e_longitude_degB\r\n\x0b_altitude_mB\x06\n\x04_x_mB\x06\n\x04_y_mB\x06\n\x04_z_mB\n\n\x08_yaw_degB\x0c\n\n_pitch_degB\x0b\n\t_roll_degB\x13\n\x11_position_sigma_mB\x15\n\x13_attitude_sigma_deg\"\xb3\x04\n\rImageMetadata\x12\x11\n\x04name\x18\x01 \x01(\tH\x00\x88\x01\x01\x12/\n\x0b\x63\x61ptured_at\x18\x02 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\x19\n\x0clatitude_deg\x18\x03 \x01(\x01H\x01\x88\x01\x01\x12\x1a\n\rlongitude_deg\x18\x04 \x01(\x01H\x02\x88\x01\x01\x12\x17\n\naltitude_m\x18\x05 \x01(\x01H\x03\x88\x01\x01\x12-\n\x0e\x61ltitude_datum\x18\x06 \x01(\x0e\x32\x15.fvs.v1.AltitudeDatum\x12\x10\n\x03x_m\x18\x07 \x01(\x01H\x04\x88\x01\x01\x12\x10\n\x03y_m\x18\x08 \x01(\x01H\x05\x88\x01\x01\x12\x10\n\x03z_m\x18\t \x01(\x01H\x06\x88\x01\x01\x12\x14\n\x07yaw_deg\x18\n \x01(\x01H\x07\x88\x01\x01\x12\x16\n\tpitch_deg\x18\x0b \x01(\x01H\x08\x88\x01\x01\x12\x15\n\x08roll_deg\x18\x0c \x01(\x01H\t\x88\x01\x01\x12\x1d\n\x10position_sigma_m\x18\r \x01(\x01H\n\x88\x01\x01\x12\x1f\n\x12\x61ttitude_sigma_deg\x18\x0e \x01(\x01H\x0b\x88\x01\x01\x42\x07\n\x05_nameB\x0f\n\r_latitude_degB\x10\n\x0e_longitude_degB\r\n\x0b_altitude_mB\x06\n\x04_x_mB\x06\n\x04_y_mB\x06\n\x04_z_mB\n\n\x08_yaw_degB\x0c\n\n_pitch_degB\x0b\n\t_roll_degB\x13\n\x11_position_sigma_mB\x15\n\x13_attitude_sigma_deg\"\x83\x05\n\x05Image\x12\x0e\n\x06\x64igest\x18\x01 \x01(\t\x12\x10\n\x08scene_id\x18\x02 \x01(\t\x12\x0e\n\x06number\x18\x03 \x01(\x05\x12\x0c\n\x04name\x18\x04 \x01(\t\x12 \n\x07verdict\x18\x05 \x01(\x0e\x32\x0f.fvs.v1.Verdict\x12\x0e\n\x06reason\x18\x06 \x01(\t\x12\x0c\n\x04hint\x18\x07 \x01(\t\x12&\n\x08warnings\x18\x08 \x03(\x0e\x32\x14.fvs.v1.ImageWarning\x12\x19\n\x0c\x64uplicate_of\x18\t \x01(\tH\x00\x88\x01\x01\x12*\n\x0cregistration\x18\n \x01(\x0e\x32\x14.fvs.v1.Registration\x12\x12\n\nsize_bytes\x18\x0b \x01(\x03\x12\x13\n\x06\x66ormat\x18\x0c \x01(\tH\x01\x88\x01\x01\x12\x15\n\x08width_px\x18\r \x01(\x05H\x02\x88\x01\x01\x12\x16\n\theight_px\x18\x0e \x01(\x05H\x03\x88\x01\x01\x12\x1c\n\x0f\x66ocal_length_px\x18\x0f \x01(\x01H\x04\x88\x01\x01\x12\x16\n\tsharpness\x18\x10 \x01(\x01H\x05\x88\x01\x01\x12\x1c\n\x05prior\x18\x11 \x01(\x0b\x32\r.fvs.v1.Prior\x12/\n\x0b\x63\x61ptured_at\x18\x12 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12/\n\x0breceived_at\x18\x13 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12$\n\x07\x66inding\x18\x14 \x01(\x0e\x32\x13.fvs.v1.FindingCodeB\x0f\n\r_duplicate_ofB\t\n\x07_formatB\x0b\n\t_width_pxB\x0c\n\n_height_pxB\x12\n\x10_focal_length_pxB\x0c\n\n_sharpness\"E\n\tImageList\x12\x1c\n\x05items\x18\x01 \x03(\x0b\x32\r.fvs.v1.Image\x12\x11\n\x04next\x18\x02 \x01(\tH\x00\x88\x01\x01\x42\x07\n\x05_next\"\x1e\n\x0b\x44igestCheck\x12\x0f\n\x07\x64igests\x18\x01 \x03(\t\"\\\n\nKnownImage\x12\x0e\n\x06\x64igest\x18\x01 \x01(\t\x12 \n\x07verdict\x18\x02 \x01(\x0e\x32\x0f.fvs.v1.Verdict\x12\x0e\n\x06reason\x18\x03 \x01(\t\x12\x0c\n\x04hint\x18\x04 \x01(\t\"R\n\x0c\x44igestAnswer\x12\r\n\x05known\x18\x01 \x03(\t\x12\x0f\n\x07missing\x18\x02 \x03(\t\x12\"\n\x06images\x18\x03 \x03(\x0b\x32\x12.fvs.v1.KnownImage*\xad\x01\n\x07Verdict\x12\x17\n\x13VERDICT_UNSPECIFIED\x10\x00\x12\x14\n\x10VERDICT_ACCEPTED\x10\x01\x12\x15\n\x11VERDICT_DUPLICATE\x10\x02\x12\x16\n\x12VERDICT_UNREADABLE\x10\x03\x12\x15\n\x11VERDICT_TOO_SMALL\x10\x04\x12\x15\n\x11VERDICT_TOO_LARGE\x10\x05\x12\x16\n\x12VERDICT_TOO_NARROW\x10\x06*\xd4\x01\n\x0cRegistration\x12\x1c\n\x18REGISTRATION_UNSPECIFIED\x10\x00\x12\x18\n\x14REGISTRATION_PENDING\x10\x01\x12\x1b\n\x17REGISTRATION_REGISTERED\x10\x02\x12\x1d\n\x19REGISTRATION_UNREGISTERED\x10\x03\x12\x17\n\x13REGISTRATION_UNUSED\x10\x04\x12\x19\n\x15REGISTRATION_EXCLUDED\x10\x05\x12\x1c\n\x18REGISTRATION_QUARANTINED\x10\x06*l\n\x0cImageWarning\x12\x1d\n\x19IMAGE_WARNING_UNSPECIFIED\x10\x00\x12\x19\n\x15IMAGE_WARNING_BLURRED\x10\x01\x12\"\n\x1eIMAGE_WARNING_POSITION_IGNORED\x10\x02*`\n\x0bPriorSource\x12\x1c\n\x18PRIOR_SOURCE_UNSPECIFIED\x10\x00\x12\x18\n\x14PRIOR_SOURCE_REQUEST\x10\x01\x12\x19\n\x15PRIOR_SOURCE_METADATA\x10\x02\x32\xc2\x04\n\x0cImageService\x12?\n\x0b\x43heckImages\x12\x1a.fvs.v1.CheckImagesRequest\x1a\x14.fvs.v1.DigestAnswer\x12H\n\x0bUploadImage\x12\x1a.fvs.v1.UploadImageRequest\x1a\x1b.fvs.v1.UploadImageResponse(\x01\x12\x35\n\tGetUpload\x12\x18.fvs.v1.GetUploadRequest\x1a\x0e.fvs.v1.Upload\x12:\n\nListImages\x12\x19.fvs.v1.ListImagesRequest\x1a\x11.fvs.v1.ImageList\x12\x32\n\x08GetImage\x12\x17.fvs.v1.GetImageRequest\x1a\r.fvs.v1.Image\x12\x41\n\x0b\x44\x65leteImage\x12\x1a.fvs.v1.DeleteImageRequest\x1a\x16.google.protobuf.Empty\x12:\n\x0c\x45xcludeImage\x12\x1b.fvs.v1.ExcludeImageRequest\x1a\r.fvs.v1.Image\x12:\n\x0cIncludeImage\x12\x1b.fvs.v1.IncludeImageRequest\x1a\r.fvs.v1.Image\x12\x45\n\rDownloadImage\x12\x1c.fvs.v1.DownloadImageRequest\x1a\x14.fvs.v1.DownloadPart0\x01\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'fvs.v1.images_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
-  _globals['_VERDICT']._serialized_start=3088
-  _globals['_VERDICT']._serialized_end=3261
-  _globals['_REGISTRATION']._serialized_start=3264
-  _globals['_REGISTRATION']._serialized_end=3476
-  _globals['_IMAGEWARNING']._serialized_start=3478
-  _globals['_IMAGEWARNING']._serialized_end=3586
-  _globals['_PRIORSOURCE']._serialized_start=3588
-  _globals['_PRIORSOURCE']._serialized_end=3684
-  _globals['_CHECKIMAGESREQUEST']._serialized_start=137
-  _globals['_CHECKIMAGESREQUEST']._serialized_end=211
-  _globals['_IMAGEUPLOAD']._serialized_start=214
-  _globals['_IMAGEUPLOAD']._serialized_end=344
-  _globals['_UPLOADIMAGEREQUEST']._serialized_start=346
-  _globals['_UPLOADIMAGEREQUEST']._serialized_end=430
-  _globals['_UPLOADIMAGERESPONSE']._serialized_start=432
-  _globals['_UPLOADIMAGERESPONSE']._serialized_end=500
-  _globals['_GETUPLOADREQUEST']._serialized_start=502
-  _globals['_GETUPLOADREQUEST']._serialized_end=554
-  _globals['_UPLOAD']._serialized_start=557
-  _globals['_UPLOAD']._serialized_end=689
-  _globals['_LISTIMAGESREQUEST']._serialized_start=691
-  _globals['_LISTIMAGESREQUEST']._serialized_end=788
-  _globals['_GETIMAGEREQUEST']._serialized_start=790
-  _globals['_GETIMAGEREQUEST']._serialized_end=841
-  _globals['_DELETEIMAGEREQUEST']._serialized_start=843
-  _globals['_DELETEIMAGEREQUEST']._serialized_end=897
-  _globals['_EXCLUDEIMAGEREQUEST']._serialized_start=899
-  _globals['_EXCLUDEIMAGEREQUEST']._serialized_end=954
-  _globals['_INCLUDEIMAGEREQUEST']._serialized_start=956
-  _globals['_INCLUDEIMAGEREQUEST']._serialized_end=1011
-  _globals['_DOWNLOADIMAGEREQUEST']._serialized_start=1013
-  _globals['_DOWNLOADIMAGEREQUEST']._serialized_end=1112
-  _globals['_PRIOR']._serialized_start=1115
-  _globals['_PRIOR']._serialized_end=1630
-  _globals['_IMAGEMETADATA']._serialized_start=1633
-  _globals['_IMAGEMETADATA']._serialized_end=2196
-  _globals['_IMAGE']._serialized_start=2199
-  _globals['_IMAGE']._serialized_end=2804
-  _globals['_IMAGELIST']._serialized_start=2806
-  _globals['_IMAGELIST']._serialized_end=2875
-  _globals['_DIGESTCHECK']._serialized_start=2877
-  _globals['_DIGESTCHECK']._serialized_end=2907
-  _globals['_KNOWNIMAGE']._serialized_start=2909
-  _globals['_KNOWNIMAGE']._serialized_end=3001
-  _globals['_DIGESTANSWER']._serialized_start=3003
-  _globals['_DIGESTANSWER']._serialized_end=3085
-  _globals['_IMAGESERVICE']._serialized_start=3687
-  _globals['_IMAGESERVICE']._serialized_end=4265
+  _globals['_VERDICT']._serialized_start=3149
+  _globals['_VERDICT']._serialized_end=3322
+  _globals['_REGISTRATION']._serialized_start=3325
+  _globals['_REGISTRATION']._serialized_end=3537
+  _globals['_IMAGEWARNING']._serialized_start=3539
+  _globals['_IMAGEWARNING']._serialized_end=3647
+  _globals['_PRIORSOURCE']._serialized_start=3649
+  _globals['_PRIORSOURCE']._serialized_end=3745
+  _globals['_CHECKIMAGESREQUEST']._serialized_start=160
+  _globals['_CHECKIMAGESREQUEST']._serialized_end=234
+  _globals['_IMAGEUPLOAD']._serialized_start=237
+  _globals['_IMAGEUPLOAD']._serialized_end=367
+  _globals['_UPLOADIMAGEREQUEST']._serialized_start=369
+  _globals['_UPLOADIMAGEREQUEST']._serialized_end=453
+  _globals['_UPLOADIMAGERESPONSE']._serialized_start=455
+  _globals['_UPLOADIMAGERESPONSE']._serialized_end=523
+  _globals['_GETUPLOADREQUEST']._serialized_start=525
+  _globals['_GETUPLOADREQUEST']._serialized_end=577
+  _globals['_UPLOAD']._serialized_start=580
+  _globals['_UPLOAD']._serialized_end=712
+  _globals['_LISTIMAGESREQUEST']._serialized_start=714
+  _globals['_LISTIMAGESREQUEST']._serialized_end=811
+  _globals['_GETIMAGEREQUEST']._serialized_start=813
+  _globals['_GETIMAGEREQUEST']._serialized_end=864
+  _globals['_DELETEIMAGEREQUEST']._serialized_start=866
+  _globals['_DELETEIMAGEREQUEST']._serialized_end=920
+  _globals['_EXCLUDEIMAGEREQUEST']._serialized_start=922
+  _globals['_EXCLUDEIMAGEREQUEST']._serialized_end=977
+  _globals['_INCLUDEIMAGEREQUEST']._serialized_start=979
+  _globals['_INCLUDEIMAGEREQUEST']._serialized_end=1034
+  _globals['_DOWNLOADIMAGEREQUEST']._serialized_start=1036
+  _globals['_DOWNLOADIMAGEREQUEST']._serialized_end=1135
+  _globals['_PRIOR']._serialized_start=1138
+  _globals['_PRIOR']._serialized_end=1653
+  _globals['_IMAGEMETADATA']._serialized_start=1656
+  _globals['_IMAGEMETADATA']._serialized_end=2219
+  _globals['_IMAGE']._serialized_start=2222
+  _globals['_IMAGE']._serialized_end=2865
+  _globals['_IMAGELIST']._serialized_start=2867
+  _globals['_IMAGELIST']._serialized_end=2936
+  _globals['_DIGESTCHECK']._serialized_start=2938
+  _globals['_DIGESTCHECK']._serialized_end=2968
+  _globals['_KNOWNIMAGE']._serialized_start=2970
+  _globals['_KNOWNIMAGE']._serialized_end=3062
+  _globals['_DIGESTANSWER']._serialized_start=3064
+  _globals['_DIGESTANSWER']._serialized_end=3146
+  _globals['_IMAGESERVICE']._serialized_start=3748
+  _globals['_IMAGESERVICE']._serialized_end=4326
 # @@protoc_insertion_point(module_scope)

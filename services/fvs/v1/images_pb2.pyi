@@ -1,6 +1,7 @@
 import datetime
 
 from fvs.v1 import downloads_pb2 as _downloads_pb2
+from fvs.v1 import findings_pb2 as _findings_pb2
 from fvs.v1 import poses_pb2 as _poses_pb2
 from google.protobuf import empty_pb2 as _empty_pb2
 from google.protobuf import timestamp_pb2 as _timestamp_pb2
@@ -242,7 +243,7 @@ class ImageMetadata(_message.Message):
     def __init__(self, name: _Optional[str] = ..., captured_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., x_m: _Optional[float] = ..., y_m: _Optional[float] = ..., z_m: _Optional[float] = ..., yaw_deg: _Optional[float] = ..., pitch_deg: _Optional[float] = ..., roll_deg: _Optional[float] = ..., position_sigma_m: _Optional[float] = ..., attitude_sigma_deg: _Optional[float] = ...) -> None: ...
 
 class Image(_message.Message):
-    __slots__ = ("digest", "scene_id", "number", "name", "verdict", "reason", "hint", "warnings", "duplicate_of", "registration", "size_bytes", "format", "width_px", "height_px", "focal_length_px", "sharpness", "prior", "captured_at", "received_at")
+    __slots__ = ("digest", "scene_id", "number", "name", "verdict", "reason", "hint", "warnings", "duplicate_of", "registration", "size_bytes", "format", "width_px", "height_px", "focal_length_px", "sharpness", "prior", "captured_at", "received_at", "finding")
     DIGEST_FIELD_NUMBER: _ClassVar[int]
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     NUMBER_FIELD_NUMBER: _ClassVar[int]
@@ -262,6 +263,7 @@ class Image(_message.Message):
     PRIOR_FIELD_NUMBER: _ClassVar[int]
     CAPTURED_AT_FIELD_NUMBER: _ClassVar[int]
     RECEIVED_AT_FIELD_NUMBER: _ClassVar[int]
+    FINDING_FIELD_NUMBER: _ClassVar[int]
     digest: str
     scene_id: str
     number: int
@@ -281,7 +283,8 @@ class Image(_message.Message):
     prior: Prior
     captured_at: _timestamp_pb2.Timestamp
     received_at: _timestamp_pb2.Timestamp
-    def __init__(self, digest: _Optional[str] = ..., scene_id: _Optional[str] = ..., number: _Optional[int] = ..., name: _Optional[str] = ..., verdict: _Optional[_Union[Verdict, str]] = ..., reason: _Optional[str] = ..., hint: _Optional[str] = ..., warnings: _Optional[_Iterable[_Union[ImageWarning, str]]] = ..., duplicate_of: _Optional[str] = ..., registration: _Optional[_Union[Registration, str]] = ..., size_bytes: _Optional[int] = ..., format: _Optional[str] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., focal_length_px: _Optional[float] = ..., sharpness: _Optional[float] = ..., prior: _Optional[_Union[Prior, _Mapping]] = ..., captured_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., received_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
+    finding: _findings_pb2.FindingCode
+    def __init__(self, digest: _Optional[str] = ..., scene_id: _Optional[str] = ..., number: _Optional[int] = ..., name: _Optional[str] = ..., verdict: _Optional[_Union[Verdict, str]] = ..., reason: _Optional[str] = ..., hint: _Optional[str] = ..., warnings: _Optional[_Iterable[_Union[ImageWarning, str]]] = ..., duplicate_of: _Optional[str] = ..., registration: _Optional[_Union[Registration, str]] = ..., size_bytes: _Optional[int] = ..., format: _Optional[str] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., focal_length_px: _Optional[float] = ..., sharpness: _Optional[float] = ..., prior: _Optional[_Union[Prior, _Mapping]] = ..., captured_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., received_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., finding: _Optional[_Union[_findings_pb2.FindingCode, str]] = ...) -> None: ...
 
 class ImageList(_message.Message):
     __slots__ = ("items", "next")

@@ -22,46 +22,47 @@ _runtime_version.ValidateProtobufRuntimeVersion(
 _sym_db = _symbol_database.Default()
 
 
+from fvs.v1 import findings_pb2 as fvs_dot_v1_dot_findings__pb2
 from google.protobuf import timestamp_pb2 as google_dot_protobuf_dot_timestamp__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x11\x66vs/v1/jobs.proto\x12\x06\x66vs.v1\x1a\x1fgoogle/protobuf/timestamp.proto\"w\n\x10\x43reateJobRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x1f\n\x03job\x18\x02 \x01(\x0b\x32\x12.fvs.v1.JobRequest\x12\x1c\n\x0fidempotency_key\x18\x03 \x01(\tH\x00\x88\x01\x01\x42\x12\n\x10_idempotency_key\"\x80\x01\n\x0fListJobsRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x12\n\x05\x61\x66ter\x18\x02 \x01(\tH\x00\x88\x01\x01\x12\x12\n\x05limit\x18\x03 \x01(\x05H\x01\x88\x01\x01\x12\x1f\n\x05state\x18\x04 \x03(\x0e\x32\x10.fvs.v1.JobStateB\x08\n\x06_afterB\x08\n\x06_limit\"?\n\rGetJobRequest\x12\x0e\n\x06job_id\x18\x01 \x01(\t\x12\x13\n\x06wait_s\x18\x02 \x01(\x01H\x00\x88\x01\x01\x42\t\n\x07_wait_s\"\"\n\x10\x43\x61ncelJobRequest\x12\x0e\n\x06job_id\x18\x01 \x01(\t\"!\n\x0fRetryJobRequest\x12\x0e\n\x06job_id\x18\x01 \x01(\t\"!\n\x0fWatchJobRequest\x12\x0e\n\x06job_id\x18\x01 \x01(\t\"\xa7\x01\n\nJobRequest\x12\x1d\n\x04kind\x18\x01 \x01(\x0e\x32\x0f.fvs.v1.JobKind\x12\x17\n\niterations\x18\x02 \x01(\x05H\x00\x88\x01\x01\x12\x19\n\x0clong_side_px\x18\x03 \x01(\x05H\x01\x88\x01\x01\x12\x17\n\ntest_every\x18\x04 \x01(\x05H\x02\x88\x01\x01\x42\r\n\x0b_iterationsB\x0f\n\r_long_side_pxB\r\n\x0b_test_every\"j\n\nJobFailure\x12\x0c\n\x04\x63ode\x18\x01 \x01(\t\x12\x0f\n\x07message\x18\x02 \x01(\t\x12\x0c\n\x04hint\x18\x03 \x01(\t\x12\x11\n\tretryable\x18\x04 \x01(\x08\x12\x1c\n\x05stage\x18\x05 \x01(\x0e\x32\r.fvs.v1.Stage\"n\n\nJobWaiting\x12\r\n\x05place\x18\x01 \x01(\x05\x12\"\n\x06reason\x18\x02 \x01(\x0e\x32\x12.fvs.v1.WaitReason\x12\x0f\n\x07message\x18\x03 \x01(\t\x12\x12\n\x05\x65ta_s\x18\x04 \x01(\x01H\x00\x88\x01\x01\x42\x08\n\x06_eta_s\"\x96\x04\n\x03Job\x12\n\n\x02id\x18\x01 \x01(\t\x12\x10\n\x08scene_id\x18\x02 \x01(\t\x12\x1d\n\x04kind\x18\x03 \x01(\x0e\x32\x0f.fvs.v1.JobKind\x12#\n\x07request\x18\x04 \x01(\x0b\x32\x12.fvs.v1.JobRequest\x12\x1f\n\x05state\x18\x05 \x01(\x0e\x32\x10.fvs.v1.JobState\x12\x1c\n\x05stage\x18\x06 \x01(\x0e\x32\r.fvs.v1.Stage\x12\x10\n\x08progress\x18\x07 \x01(\x01\x12\x12\n\x05\x65ta_s\x18\x08 \x01(\x01H\x00\x88\x01\x01\x12#\n\x07waiting\x18\t \x01(\x0b\x32\x12.fvs.v1.JobWaiting\x12\x0f\n\x07\x61ttempt\x18\n \x01(\x05\x12\x18\n\x10\x63\x61ncel_requested\x18\x0b \x01(\x08\x12\x10\n\x08warnings\x18\x0c \x03(\t\x12!\n\x05\x65rror\x18\r \x01(\x0b\x32\x12.fvs.v1.JobFailure\x12\x18\n\x0bsnapshot_id\x18\x0e \x01(\tH\x01\x88\x01\x01\x12.\n\ncreated_at\x18\x0f \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12.\n\nstarted_at\x18\x10 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12/\n\x0b\x66inished_at\x18\x11 \x01(\x0b\x32\x1a.google.protobuf.TimestampB\x08\n\x06_eta_sB\x0e\n\x0c_snapshot_id\"A\n\x07JobList\x12\x1a\n\x05items\x18\x01 \x03(\x0b\x32\x0b.fvs.v1.Job\x12\x11\n\x04next\x18\x02 \x01(\tH\x00\x88\x01\x01\x42\x07\n\x05_next*K\n\x07JobKind\x12\x18\n\x14JOB_KIND_UNSPECIFIED\x10\x00\x12\x13\n\x0fJOB_KIND_UPDATE\x10\x01\x12\x11\n\rJOB_KIND_FINE\x10\x02*\x99\x01\n\x08JobState\x12\x19\n\x15JOB_STATE_UNSPECIFIED\x10\x00\x12\x14\n\x10JOB_STATE_QUEUED\x10\x01\x12\x15\n\x11JOB_STATE_RUNNING\x10\x02\x12\x17\n\x13JOB_STATE_SUCCEEDED\x10\x03\x12\x14\n\x10JOB_STATE_FAILED\x10\x04\x12\x16\n\x12JOB_STATE_CANCELED\x10\x05*\x86\x06\n\x05Stage\x12\x15\n\x11STAGE_UNSPECIFIED\x10\x00\x12\x0f\n\x0bSTAGE_START\x10\x01\x12\x11\n\rSTAGE_RESTORE\x10\x02\x12\x10\n\x0cSTAGE_IMAGES\x10\x03\x12\x13\n\x0fSTAGE_NORMALISE\x10\x04\x12\x11\n\rSTAGE_COMPILE\x10\x05\x12\x15\n\x11STAGE_FIRST_MODEL\x10\x06\x12\x12\n\x0eSTAGE_FEATURES\x10\x07\x12\x0f\n\x0bSTAGE_PAIRS\x10\x08\x12\x12\n\x0eSTAGE_MATCHING\x10\t\x12\x15\n\x11STAGE_CALIBRATION\x10\n\x12\x18\n\x14STAGE_GLOBAL_MAPPING\x10\x0b\x12\x1d\n\x19STAGE_INCREMENTAL_MAPPING\x10\x0c\x12\x16\n\x12STAGE_REGISTRATION\x10\r\x12\x16\n\x12STAGE_LOCALISATION\x10\x0e\x12\x17\n\x13STAGE_TRIANGULATION\x10\x0f\x12\x12\n\x0eSTAGE_EVIDENCE\x10\x10\x12\x13\n\x0fSTAGE_UNDISTORT\x10\x11\x12\x0e\n\nSTAGE_LOAD\x10\x12\x12\x12\n\x0eSTAGE_EVALUATE\x10\x13\x12\x18\n\x14STAGE_QUICK_TRAINING\x10\x14\x12\x18\n\x14STAGE_QUICK_SNAPSHOT\x10\x15\x12\x12\n\x0eSTAGE_TRAINING\x10\x16\x12\x12\n\x0eSTAGE_SNAPSHOT\x10\x17\x12\x10\n\x0cSTAGE_COMMIT\x10\x18\x12\x10\n\x0cSTAGE_SELECT\x10\x19\x12\x14\n\x10STAGE_EXPERIMENT\x10\x1a\x12\x13\n\x0fSTAGE_CALIBRATE\x10\x1b\x12\x15\n\x11STAGE_PHOTOGRAPHS\x10\x1c\x12\x12\n\x0eSTAGE_COVERAGE\x10\x1d\x12\x15\n\x11STAGE_INFORMATION\x10\x1e\x12\x15\n\x11STAGE_FEASIBILITY\x10\x1f\x12\x12\n\x0eSTAGE_ESTIMATE\x10 \x12\x0f\n\x0bSTAGE_SCORE\x10!\x12\x10\n\x0cSTAGE_RENDER\x10\"\x12\x17\n\x13STAGE_CONTACT_SHEET\x10#*\xbe\x01\n\nWaitReason\x12\x1b\n\x17WAIT_REASON_UNSPECIFIED\x10\x00\x12\x15\n\x11WAIT_REASON_QUEUE\x10\x01\x12\x15\n\x11WAIT_REASON_SCENE\x10\x02\x12\x1c\n\x18WAIT_REASON_TENANT_LIMIT\x10\x03\x12\x16\n\x12WAIT_REASON_MEMORY\x10\x04\x12\x14\n\x10WAIT_REASON_DISK\x10\x05\x12\x19\n\x15WAIT_REASON_NO_WORKER\x10\x06\x32\xbe\x02\n\nJobService\x12\x32\n\tCreateJob\x12\x18.fvs.v1.CreateJobRequest\x1a\x0b.fvs.v1.Job\x12\x34\n\x08ListJobs\x12\x17.fvs.v1.ListJobsRequest\x1a\x0f.fvs.v1.JobList\x12,\n\x06GetJob\x12\x15.fvs.v1.GetJobRequest\x1a\x0b.fvs.v1.Job\x12\x32\n\tCancelJob\x12\x18.fvs.v1.CancelJobRequest\x1a\x0b.fvs.v1.Job\x12\x30\n\x08RetryJob\x12\x17.fvs.v1.RetryJobRequest\x1a\x0b.fvs.v1.Job\x12\x32\n\x08WatchJob\x12\x17.fvs.v1.WatchJobRequest\x1a\x0b.fvs.v1.Job0\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x11\x66vs/v1/jobs.proto\x12\x06\x66vs.v1\x1a\x15\x66vs/v1/findings.proto\x1a\x1fgoogle/protobuf/timestamp.proto\"w\n\x10\x43reateJobRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x1f\n\x03job\x18\x02 \x01(\x0b\x32\x12.fvs.v1.JobRequest\x12\x1c\n\x0fidempotency_key\x18\x03 \x01(\tH\x00\x88\x01\x01\x42\x12\n\x10_idempotency_key\"\x80\x01\n\x0fListJobsRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x12\n\x05\x61\x66ter\x18\x02 \x01(\tH\x00\x88\x01\x01\x12\x12\n\x05limit\x18\x03 \x01(\x05H\x01\x88\x01\x01\x12\x1f\n\x05state\x18\x04 \x03(\x0e\x32\x10.fvs.v1.JobStateB\x08\n\x06_afterB\x08\n\x06_limit\"?\n\rGetJobRequest\x12\x0e\n\x06job_id\x18\x01 \x01(\t\x12\x13\n\x06wait_s\x18\x02 \x01(\x01H\x00\x88\x01\x01\x42\t\n\x07_wait_s\"\"\n\x10\x43\x61ncelJobRequest\x12\x0e\n\x06job_id\x18\x01 \x01(\t\"!\n\x0fRetryJobRequest\x12\x0e\n\x06job_id\x18\x01 \x01(\t\"!\n\x0fWatchJobRequest\x12\x0e\n\x06job_id\x18\x01 \x01(\t\"\xa7\x01\n\nJobRequest\x12\x1d\n\x04kind\x18\x01 \x01(\x0e\x32\x0f.fvs.v1.JobKind\x12\x17\n\niterations\x18\x02 \x01(\x05H\x00\x88\x01\x01\x12\x19\n\x0clong_side_px\x18\x03 \x01(\x05H\x01\x88\x01\x01\x12\x17\n\ntest_every\x18\x04 \x01(\x05H\x02\x88\x01\x01\x42\r\n\x0b_iterationsB\x0f\n\r_long_side_pxB\r\n\x0b_test_every\"j\n\nJobFailure\x12\x0c\n\x04\x63ode\x18\x01 \x01(\t\x12\x0f\n\x07message\x18\x02 \x01(\t\x12\x0c\n\x04hint\x18\x03 \x01(\t\x12\x11\n\tretryable\x18\x04 \x01(\x08\x12\x1c\n\x05stage\x18\x05 \x01(\x0e\x32\r.fvs.v1.Stage\"n\n\nJobWaiting\x12\r\n\x05place\x18\x01 \x01(\x05\x12\"\n\x06reason\x18\x02 \x01(\x0e\x32\x12.fvs.v1.WaitReason\x12\x0f\n\x07message\x18\x03 \x01(\t\x12\x12\n\x05\x65ta_s\x18\x04 \x01(\x01H\x00\x88\x01\x01\x42\x08\n\x06_eta_s\"\xa6\x04\n\x03Job\x12\n\n\x02id\x18\x01 \x01(\t\x12\x10\n\x08scene_id\x18\x02 \x01(\t\x12\x1d\n\x04kind\x18\x03 \x01(\x0e\x32\x0f.fvs.v1.JobKind\x12#\n\x07request\x18\x04 \x01(\x0b\x32\x12.fvs.v1.JobRequest\x12\x1f\n\x05state\x18\x05 \x01(\x0e\x32\x10.fvs.v1.JobState\x12\x1c\n\x05stage\x18\x06 \x01(\x0e\x32\r.fvs.v1.Stage\x12\x10\n\x08progress\x18\x07 \x01(\x01\x12\x12\n\x05\x65ta_s\x18\x08 \x01(\x01H\x00\x88\x01\x01\x12#\n\x07waiting\x18\t \x01(\x0b\x32\x12.fvs.v1.JobWaiting\x12\x0f\n\x07\x61ttempt\x18\n \x01(\x05\x12\x18\n\x10\x63\x61ncel_requested\x18\x0b \x01(\x08\x12 \n\x08warnings\x18\x0c \x03(\x0b\x32\x0e.fvs.v1.Notice\x12!\n\x05\x65rror\x18\r \x01(\x0b\x32\x12.fvs.v1.JobFailure\x12\x18\n\x0bsnapshot_id\x18\x0e \x01(\tH\x01\x88\x01\x01\x12.\n\ncreated_at\x18\x0f \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12.\n\nstarted_at\x18\x10 \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12/\n\x0b\x66inished_at\x18\x11 \x01(\x0b\x32\x1a.google.protobuf.TimestampB\x08\n\x06_eta_sB\x0e\n\x0c_snapshot_id\"A\n\x07JobList\x12\x1a\n\x05items\x18\x01 \x03(\x0b\x32\x0b.fvs.v1.Job\x12\x11\n\x04next\x18\x02 \x01(\tH\x00\x88\x01\x01\x42\x07\n\x05_next*K\n\x07JobKind\x12\x18\n\x14JOB_KIND_UNSPECIFIED\x10\x00\x12\x13\n\x0fJOB_KIND_UPDATE\x10\x01\x12\x11\n\rJOB_KIND_FINE\x10\x02*\x99\x01\n\x08JobState\x12\x19\n\x15JOB_STATE_UNSPECIFIED\x10\x00\x12\x14\n\x10JOB_STATE_QUEUED\x10\x01\x12\x15\n\x11JOB_STATE_RUNNING\x10\x02\x12\x17\n\x13JOB_STATE_SUCCEEDED\x10\x03\x12\x14\n\x10JOB_STATE_FAILED\x10\x04\x12\x16\n\x12JOB_STATE_CANCELED\x10\x05*\x86\x06\n\x05Stage\x12\x15\n\x11STAGE_UNSPECIFIED\x10\x00\x12\x0f\n\x0bSTAGE_START\x10\x01\x12\x11\n\rSTAGE_RESTORE\x10\x02\x12\x10\n\x0cSTAGE_IMAGES\x10\x03\x12\x13\n\x0fSTAGE_NORMALISE\x10\x04\x12\x11\n\rSTAGE_COMPILE\x10\x05\x12\x15\n\x11STAGE_FIRST_MODEL\x10\x06\x12\x12\n\x0eSTAGE_FEATURES\x10\x07\x12\x0f\n\x0bSTAGE_PAIRS\x10\x08\x12\x12\n\x0eSTAGE_MATCHING\x10\t\x12\x15\n\x11STAGE_CALIBRATION\x10\n\x12\x18\n\x14STAGE_GLOBAL_MAPPING\x10\x0b\x12\x1d\n\x19STAGE_INCREMENTAL_MAPPING\x10\x0c\x12\x16\n\x12STAGE_REGISTRATION\x10\r\x12\x16\n\x12STAGE_LOCALISATION\x10\x0e\x12\x17\n\x13STAGE_TRIANGULATION\x10\x0f\x12\x12\n\x0eSTAGE_EVIDENCE\x10\x10\x12\x13\n\x0fSTAGE_UNDISTORT\x10\x11\x12\x0e\n\nSTAGE_LOAD\x10\x12\x12\x12\n\x0eSTAGE_EVALUATE\x10\x13\x12\x18\n\x14STAGE_QUICK_TRAINING\x10\x14\x12\x18\n\x14STAGE_QUICK_SNAPSHOT\x10\x15\x12\x12\n\x0eSTAGE_TRAINING\x10\x16\x12\x12\n\x0eSTAGE_SNAPSHOT\x10\x17\x12\x10\n\x0cSTAGE_COMMIT\x10\x18\x12\x10\n\x0cSTAGE_SELECT\x10\x19\x12\x14\n\x10STAGE_EXPERIMENT\x10\x1a\x12\x13\n\x0fSTAGE_CALIBRATE\x10\x1b\x12\x15\n\x11STAGE_PHOTOGRAPHS\x10\x1c\x12\x12\n\x0eSTAGE_COVERAGE\x10\x1d\x12\x15\n\x11STAGE_INFORMATION\x10\x1e\x12\x15\n\x11STAGE_FEASIBILITY\x10\x1f\x12\x12\n\x0eSTAGE_ESTIMATE\x10 \x12\x0f\n\x0bSTAGE_SCORE\x10!\x12\x10\n\x0cSTAGE_RENDER\x10\"\x12\x17\n\x13STAGE_CONTACT_SHEET\x10#*\xbe\x01\n\nWaitReason\x12\x1b\n\x17WAIT_REASON_UNSPECIFIED\x10\x00\x12\x15\n\x11WAIT_REASON_QUEUE\x10\x01\x12\x15\n\x11WAIT_REASON_SCENE\x10\x02\x12\x1c\n\x18WAIT_REASON_TENANT_LIMIT\x10\x03\x12\x16\n\x12WAIT_REASON_MEMORY\x10\x04\x12\x14\n\x10WAIT_REASON_DISK\x10\x05\x12\x19\n\x15WAIT_REASON_NO_WORKER\x10\x06\x32\xbe\x02\n\nJobService\x12\x32\n\tCreateJob\x12\x18.fvs.v1.CreateJobRequest\x1a\x0b.fvs.v1.Job\x12\x34\n\x08ListJobs\x12\x17.fvs.v1.ListJobsRequest\x1a\x0f.fvs.v1.JobList\x12,\n\x06GetJob\x12\x15.fvs.v1.GetJobRequest\x1a\x0b.fvs.v1.Job\x12\x32\n\tCancelJob\x12\x18.fvs.v1.CancelJobRequest\x1a\x0b.fvs.v1.Job\x12\x30\n\x08RetryJob\x12\x17.fvs.v1.RetryJobRequest\x1a\x0b.fvs.v1.Job\x12\x32\n\x08WatchJob\x12\x17.fvs.v1.WatchJobRequest\x1a\x0b.fvs.v1.Job0\x01\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'fvs.v1.jobs_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
-  _globals['_JOBKIND']._serialized_start=1479
-  _globals['_JOBKIND']._serialized_end=1554
-  _globals['_JOBSTATE']._serialized_start=1557
-  _globals['_JOBSTATE']._serialized_end=1710
-  _globals['_STAGE']._serialized_start=1713
-  _globals['_STAGE']._serialized_end=2487
-  _globals['_WAITREASON']._serialized_start=2490
-  _globals['_WAITREASON']._serialized_end=2680
-  _globals['_CREATEJOBREQUEST']._serialized_start=62
-  _globals['_CREATEJOBREQUEST']._serialized_end=181
-  _globals['_LISTJOBSREQUEST']._serialized_start=184
-  _globals['_LISTJOBSREQUEST']._serialized_end=312
-  _globals['_GETJOBREQUEST']._serialized_start=314
-  _globals['_GETJOBREQUEST']._serialized_end=377
-  _globals['_CANCELJOBREQUEST']._serialized_start=379
-  _globals['_CANCELJOBREQUEST']._serialized_end=413
-  _globals['_RETRYJOBREQUEST']._serialized_start=415
-  _globals['_RETRYJOBREQUEST']._serialized_end=448
-  _globals['_WATCHJOBREQUEST']._serialized_start=450
-  _globals['_WATCHJOBREQUEST']._serialized_end=483
-  _globals['_JOBREQUEST']._serialized_start=486
-  _globals['_JOBREQUEST']._serialized_end=653
-  _globals['_JOBFAILURE']._serialized_start=655
-  _globals['_JOBFAILURE']._serialized_end=761
-  _globals['_JOBWAITING']._serialized_start=763
-  _globals['_JOBWAITING']._serialized_end=873
-  _globals['_JOB']._serialized_start=876
-  _globals['_JOB']._serialized_end=1410
-  _globals['_JOBLIST']._serialized_start=1412
-  _globals['_JOBLIST']._serialized_end=1477
-  _globals['_JOBSERVICE']._serialized_start=2683
-  _globals['_JOBSERVICE']._serialized_end=3001
+  _globals['_JOBKIND']._serialized_start=1518
+  _globals['_JOBKIND']._serialized_end=1593
+  _globals['_JOBSTATE']._serialized_start=1596
+  _globals['_JOBSTATE']._serialized_end=1749
+  _globals['_STAGE']._serialized_start=1752
+  _globals['_STAGE']._serialized_end=2526
+  _globals['_WAITREASON']._serialized_start=2529
+  _globals['_WAITREASON']._serialized_end=2719
+  _globals['_CREATEJOBREQUEST']._serialized_start=85
+  _globals['_CREATEJOBREQUEST']._serialized_end=204
+  _globals['_LISTJOBSREQUEST']._serialized_start=207
+  _globals['_LISTJOBSREQUEST']._serialized_end=335
+  _globals['_GETJOBREQUEST']._serialized_start=337
+  _globals['_GETJOBREQUEST']._serialized_end=400
+  _globals['_CANCELJOBREQUEST']._serialized_start=402
+  _globals['_CANCELJOBREQUEST']._serialized_end=436
+  _globals['_RETRYJOBREQUEST']._serialized_start=438
+  _globals['_RETRYJOBREQUEST']._serialized_end=471
+  _globals['_WATCHJOBREQUEST']._serialized_start=473
+  _globals['_WATCHJOBREQUEST']._serialized_end=506
+  _globals['_JOBREQUEST']._serialized_start=509
+  _globals['_JOBREQUEST']._serialized_end=676
+  _globals['_JOBFAILURE']._serialized_start=678
+  _globals['_JOBFAILURE']._serialized_end=784
+  _globals['_JOBWAITING']._serialized_start=786
+  _globals['_JOBWAITING']._serialized_end=896
+  _globals['_JOB']._serialized_start=899
+  _globals['_JOB']._serialized_end=1449
+  _globals['_JOBLIST']._serialized_start=1451
+  _globals['_JOBLIST']._serialized_end=1516
+  _globals['_JOBSERVICE']._serialized_start=2722
+  _globals['_JOBSERVICE']._serialized_end=3040
 # @@protoc_insertion_point(module_scope)

@@ -1,5 +1,6 @@
 import datetime
 
+from fvs.v1 import findings_pb2 as _findings_pb2
 from fvs.v1 import poses_pb2 as _poses_pb2
 from google.protobuf import empty_pb2 as _empty_pb2
 from google.protobuf import timestamp_pb2 as _timestamp_pb2
@@ -50,20 +51,6 @@ class VolumeLook(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     VOLUME_LOOK_UNSPECIFIED: _ClassVar[VolumeLook]
     VOLUME_LOOK_MIDDLE: _ClassVar[VolumeLook]
     VOLUME_LOOK_NEAREST: _ClassVar[VolumeLook]
-
-class RankingWarningCode(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
-    __slots__ = ()
-    RANKING_WARNING_CODE_UNSPECIFIED: _ClassVar[RankingWarningCode]
-    RANKING_WARNING_CODE_ILL_CONDITIONED: _ClassVar[RankingWarningCode]
-    RANKING_WARNING_CODE_FEW_REGISTRABLE: _ClassVar[RankingWarningCode]
-    RANKING_WARNING_CODE_POSITIONS_UNUSED: _ClassVar[RankingWarningCode]
-    RANKING_WARNING_CODE_VEHICLE_GROUNDED: _ClassVar[RankingWarningCode]
-    RANKING_WARNING_CODE_UNREACHABLE: _ClassVar[RankingWarningCode]
-    RANKING_WARNING_CODE_SAME_POSE: _ClassVar[RankingWarningCode]
-    RANKING_WARNING_CODE_NOTHING_IN_VIEW: _ClassVar[RankingWarningCode]
-    RANKING_WARNING_CODE_NONE_FEASIBLE: _ClassVar[RankingWarningCode]
-    RANKING_WARNING_CODE_FEWER_CANDIDATES: _ClassVar[RankingWarningCode]
-    RANKING_WARNING_CODE_TOO_CLOSE: _ClassVar[RankingWarningCode]
 
 class MissionFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -124,17 +111,6 @@ GRID_LOOK_DOWN: GridLook
 VOLUME_LOOK_UNSPECIFIED: VolumeLook
 VOLUME_LOOK_MIDDLE: VolumeLook
 VOLUME_LOOK_NEAREST: VolumeLook
-RANKING_WARNING_CODE_UNSPECIFIED: RankingWarningCode
-RANKING_WARNING_CODE_ILL_CONDITIONED: RankingWarningCode
-RANKING_WARNING_CODE_FEW_REGISTRABLE: RankingWarningCode
-RANKING_WARNING_CODE_POSITIONS_UNUSED: RankingWarningCode
-RANKING_WARNING_CODE_VEHICLE_GROUNDED: RankingWarningCode
-RANKING_WARNING_CODE_UNREACHABLE: RankingWarningCode
-RANKING_WARNING_CODE_SAME_POSE: RankingWarningCode
-RANKING_WARNING_CODE_NOTHING_IN_VIEW: RankingWarningCode
-RANKING_WARNING_CODE_NONE_FEASIBLE: RankingWarningCode
-RANKING_WARNING_CODE_FEWER_CANDIDATES: RankingWarningCode
-RANKING_WARNING_CODE_TOO_CLOSE: RankingWarningCode
 MISSION_FORMAT_UNSPECIFIED: MissionFormat
 MISSION_FORMAT_QGC_PLAN: MissionFormat
 MISSION_FORMAT_QGC_WPL: MissionFormat
@@ -674,16 +650,6 @@ class RankedCandidate(_message.Message):
     chance: float
     def __init__(self, id: _Optional[str] = ..., rank: _Optional[int] = ..., score: _Optional[float] = ..., status: _Optional[_Union[CandidateStatus, str]] = ..., coverage: _Optional[float] = ..., distance_m: _Optional[float] = ..., pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., estimated: _Optional[bool] = ..., chance: _Optional[float] = ...) -> None: ...
 
-class RankingWarning(_message.Message):
-    __slots__ = ("code", "message", "hint")
-    CODE_FIELD_NUMBER: _ClassVar[int]
-    MESSAGE_FIELD_NUMBER: _ClassVar[int]
-    HINT_FIELD_NUMBER: _ClassVar[int]
-    code: RankingWarningCode
-    message: str
-    hint: str
-    def __init__(self, code: _Optional[_Union[RankingWarningCode, str]] = ..., message: _Optional[str] = ..., hint: _Optional[str] = ...) -> None: ...
-
 class Ranking(_message.Message):
     __slots__ = ("id", "scene_id", "snapshot_id", "request", "alignment", "origin", "iterations", "gaussians", "fallback", "candidates", "total", "seconds", "waited_s", "warnings", "created_at")
     ID_FIELD_NUMBER: _ClassVar[int]
@@ -714,9 +680,9 @@ class Ranking(_message.Message):
     total: int
     seconds: float
     waited_s: float
-    warnings: _containers.RepeatedCompositeFieldContainer[RankingWarning]
+    warnings: _containers.RepeatedCompositeFieldContainer[_findings_pb2.Notice]
     created_at: _timestamp_pb2.Timestamp
-    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., request: _Optional[_Union[RankingRequest, _Mapping]] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ..., iterations: _Optional[int] = ..., gaussians: _Optional[int] = ..., fallback: _Optional[str] = ..., candidates: _Optional[_Iterable[_Union[RankedCandidate, _Mapping]]] = ..., total: _Optional[int] = ..., seconds: _Optional[float] = ..., waited_s: _Optional[float] = ..., warnings: _Optional[_Iterable[_Union[RankingWarning, _Mapping]]] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
+    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., request: _Optional[_Union[RankingRequest, _Mapping]] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ..., iterations: _Optional[int] = ..., gaussians: _Optional[int] = ..., fallback: _Optional[str] = ..., candidates: _Optional[_Iterable[_Union[RankedCandidate, _Mapping]]] = ..., total: _Optional[int] = ..., seconds: _Optional[float] = ..., waited_s: _Optional[float] = ..., warnings: _Optional[_Iterable[_Union[_findings_pb2.Notice, _Mapping]]] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
 
 class RankingSummary(_message.Message):
     __slots__ = ("id", "scene_id", "snapshot_id", "method", "generator", "total", "best", "created_at")
@@ -880,9 +846,9 @@ class Plan(_message.Message):
     photographed: _containers.RepeatedScalarFieldContainer[str]
     alignment: _poses_pb2.Alignment
     origin: _poses_pb2.Origin
-    warnings: _containers.RepeatedCompositeFieldContainer[RankingWarning]
+    warnings: _containers.RepeatedCompositeFieldContainer[_findings_pb2.Notice]
     created_at: _timestamp_pb2.Timestamp
-    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., request: _Optional[_Union[PlanRequest, _Mapping]] = ..., summary: _Optional[str] = ..., now: _Optional[_Union[Expectation, _Mapping]] = ..., end: _Optional[_Union[Expectation, _Mapping]] = ..., tours: _Optional[_Iterable[_Union[Tour, _Mapping]]] = ..., candidates: _Optional[_Iterable[_Union[CandidateTerms, _Mapping]]] = ..., photographed: _Optional[_Iterable[str]] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ..., warnings: _Optional[_Iterable[_Union[RankingWarning, _Mapping]]] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
+    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., request: _Optional[_Union[PlanRequest, _Mapping]] = ..., summary: _Optional[str] = ..., now: _Optional[_Union[Expectation, _Mapping]] = ..., end: _Optional[_Union[Expectation, _Mapping]] = ..., tours: _Optional[_Iterable[_Union[Tour, _Mapping]]] = ..., candidates: _Optional[_Iterable[_Union[CandidateTerms, _Mapping]]] = ..., photographed: _Optional[_Iterable[str]] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ..., warnings: _Optional[_Iterable[_Union[_findings_pb2.Notice, _Mapping]]] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
 
 class PlanSummary(_message.Message):
     __slots__ = ("id", "scene_id", "snapshot_id", "summary", "created_at")

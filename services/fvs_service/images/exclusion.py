@@ -9,6 +9,7 @@ from collections.abc import Mapping
 from sqlalchemy.orm import Session
 
 from fvs_schema.events import EventKind
+from fvs_schema.findings import Notice
 from fvs_schema.images import Image, Registration, Verdict
 from fvs_service.errors import ConflictError, NotFoundError
 from fvs_service.events.repository import publish
@@ -41,7 +42,12 @@ class Exclusions:
             if image.registration is Registration.EXCLUDED:
                 return image
             changed = image.model_copy(
-                update={"registration": Registration.EXCLUDED, "reason": _EXCLUDED, "hint": _INCLUDE_HINT}
+                update={
+                    "registration": Registration.EXCLUDED,
+                    "reason": _EXCLUDED,
+                    "hint": _INCLUDE_HINT,
+                    "finding": None,
+                }
             )
             repository.replace_image(session, changed)
             _publish(session, changed, EventKind.IMAGE_EXCLUDED)
@@ -55,7 +61,7 @@ class Exclusions:
             if not image.registration.left_out:
                 return image
             changed = image.model_copy(
-                update={"registration": Registration.PENDING, "reason": "", "hint": ""}
+                update={"registration": Registration.PENDING, "reason": "", "hint": "", "finding": None}
             )
             repository.replace_image(session, changed)
             _publish(session, changed, EventKind.IMAGE_INCLUDED)
@@ -78,7 +84,7 @@ class Exclusions:
                 _publish(session, image, EventKind.IMAGE_DELETED)
 
 
-def quarantine(session: Session, lease: Lease, reasons: Mapping[str, str]) -> None:
+def quarantine(session: Session, lease: Lease, reasons: Mapping[str, Notice]) -> None:
     """Quarantine the images of the leased scene with these digests; those that are left out already stay."""
     require_lease(session, lease)
     for digest, reason in reasons.items():
@@ -86,7 +92,12 @@ def quarantine(session: Session, lease: Lease, reasons: Mapping[str, str]) -> No
         if image is None or image.registration.left_out or image.verdict is not Verdict.ACCEPTED:
             continue
         changed = image.model_copy(
-            update={"registration": Registration.QUARANTINED, "reason": reason, "hint": _QUARANTINE_HINT}
+            update={
+                "registration": Registration.QUARANTINED,
+                "reason": reason.message,
+                "hint": _QUARANTINE_HINT,
+                "finding": reason.code,
+            }
         )
         repository.replace_image(session, changed)
         _publish(session, changed, EventKind.IMAGE_QUARANTINED)
@@ -103,5 +114,5 @@ def _accepted_image(session: Session, principal: Principal, scene_id: str, diges
 
 
 def _publish(session: Session, image: Image, kind: EventKind) -> None:
-    data = image.model_dump(mode="json", include={"digest", "name", "reason"})
+    data = image.model_dump(mode="json", include={"digest", "name", "reason", "finding"})
     publish(session, image.scene_id, kind, data, subject=image.digest)

@@ -5,6 +5,7 @@ from collections.abc import Collection, Iterable, Mapping
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
+from fvs_schema.findings import Notice
 from fvs_schema.images import Image, KnownImage, Registration, Verdict
 from fvs_service.storage.tables import ImageRow, SceneRow
 
@@ -143,18 +144,18 @@ def delete_image(session: Session, scene_id: str, digest: str) -> tuple[Image, .
 
 
 def register(
-    session: Session, scene_id: str, registered: Iterable[str], unregistered: Mapping[str, str]
+    session: Session, scene_id: str, registered: Iterable[str], unregistered: Mapping[str, Notice | None]
 ) -> None:
     """Record which accepted images, given by digest, have a pose in the current model.
 
-    ``unregistered``: those without one → the reason, which may be empty. Those that are left out stay so:
-    they were taken out while the model was made.
+    ``unregistered``: those without one → the reason, None where it is not known. Those that are left out stay
+    so: they were taken out while the model was made.
     """
     registered = list(registered)
     posed = {digest[_HEX:] for digest in registered}
     for row in _unregistered(session, scene_id):
         if row.sha256 in posed:
-            row.document = {**row.document, "reason": "", "hint": ""}
+            row.document = {**row.document, "reason": "", "hint": "", "finding": None}
     session.flush()
     for registration, digests in (
         (Registration.REGISTERED, registered),
@@ -173,9 +174,10 @@ def register(
             )
     reasons = {digest[_HEX:]: reason for digest, reason in unregistered.items()}
     for row in _unregistered(session, scene_id):
-        reason = reasons.get(row.sha256, row.document["reason"])
-        hint = _UNREGISTERED_HINT if reason else ""
-        row.document = {**row.document, "reason": reason, "hint": hint}
+        if row.sha256 in reasons:
+            why = reasons[row.sha256]
+            shown = ("", "", None) if why is None else (why.message, why.hint, why.code.value)
+            row.document = {**row.document, **dict(zip(("reason", "hint", "finding"), shown, strict=True))}
     session.flush()
 
 

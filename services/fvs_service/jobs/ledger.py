@@ -8,6 +8,7 @@ from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
 from fvs_schema.events import EventKind
+from fvs_schema.findings import Notice
 from fvs_schema.jobs import Job, JobFailure
 from fvs_schema.stages import Stage
 from fvs_service.disclosure import without_paths
@@ -64,11 +65,11 @@ class Ledger:
                 data = {"job_id": job_id, "stage": stage, "progress": reached, "eta_s": eta_s}
                 publish(session, lease.scene_id, EventKind.JOB_PROGRESS, data, subject=job_id)
 
-    def warn(self, lease: Lease, job_id: str, sentence: str) -> None:
+    def warn(self, lease: Lease, job_id: str, warning: Notice) -> None:
         """Add a warning, unless the job has it."""
         with self._database.writing() as session:
             require_lease(session, lease)
-            add_warning(session, job_id, sentence)
+            add_warning(session, job_id, warning)
 
     def cancel_requested(self, job_id: str) -> bool:
         """Whether the job is to be canceled or was deleted; cheap enough for several calls a second."""
@@ -122,12 +123,12 @@ def record_milestone(session: Session, job_id: str, name: str, document: Mapping
         session.add(JobMilestoneRow(job_id=job_id, name=name, document=dict(document), created_at=now()))
 
 
-def add_warning(session: Session, job_id: str, sentence: str) -> None:
-    """Add a warning to a running job, unless it has it; paths become file names."""
-    sentence = without_paths(sentence)
+def add_warning(session: Session, job_id: str, warning: Notice) -> None:
+    """Add a warning to a running job, unless it has it."""
     warnings = repository.find_job(session, job_id).warnings
-    if sentence not in warnings:
-        repository.change_running(session, job_id, warnings=[*warnings, sentence])
+    if warning not in warnings:
+        documents = [known.model_dump(mode="json") for known in (*warnings, warning)]
+        repository.change_running(session, job_id, warnings=documents)
 
 
 def attach_snapshot(session: Session, job_id: str, snapshot_id: str) -> None:

@@ -8,8 +8,10 @@ from pathlib import Path
 
 from sqlalchemy.orm import Session
 
+from fvs_engine.wording import notice
 from fvs_schema.base import Page
 from fvs_schema.events import EventKind
+from fvs_schema.findings import Finding, FindingCode, Notice, Severity
 from fvs_schema.jobs import Job, JobKind
 from fvs_schema.scenes import Alignment
 from fvs_schema.snapshots import (
@@ -53,7 +55,7 @@ class NewSnapshot:
     alignment: Alignment
     files: Mapping[str, Path]
     registered: Iterable[str]
-    unregistered: Mapping[str, str]
+    unregistered: Mapping[str, Notice | None]
 
 
 class Snapshots:
@@ -202,9 +204,10 @@ class Snapshots:
             attach_snapshot(session, job.id, earlier.id)
             record_milestone(session, job.id, milestone, {"snapshot_id": earlier.id})
             if earlier.id == repository.of_update_before(session, lease.scene_id, job.id):
-                add_warning(
-                    session, job.id, f"The update changed nothing: its snapshot is the earlier {earlier.id}."
+                unchanged = Finding.of(
+                    FindingCode.UPDATE_UNCHANGED, severity=Severity.NOTE, snapshot=earlier.id
                 )
+                add_warning(session, job.id, notice(unchanged))
             else:
                 set_snapshot(session, lease.scene_id, earlier.id)
         return earlier

@@ -87,6 +87,8 @@ def document_of(message: Any) -> Any:
 
 def _field(message: Any, described: Any) -> Any:
     value = getattr(message, described.name)
+    if described.message_type is not None and described.message_type.GetOptions().map_entry:
+        return dict(value)
     if described.is_repeated:
         found = [_one(described, item) for item in value]
         return found or (None if described.name in _LISTS_OR_NULL else [])

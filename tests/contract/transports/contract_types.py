@@ -1,7 +1,7 @@
 """Types of fields of ``fvs.v1`` and of schemas of the OpenAPI document, in one notation.
 
-A type is the name of a JSON type, model or enum; ``("list", type)``; or the set of a union's models, or of an
-enum's words where the document gives it no name.
+A type is the name of a JSON type, model or enum; ``("list", type)`` or ``("map", type)``; or the set of a
+union's models, or of an enum's words where the document gives it no name.
 """
 
 from collections.abc import Collection, Iterator, Mapping
@@ -26,6 +26,8 @@ _UNIONS = frozenset({"kind", "pose"})
 def type_of_field(field: Any, unnamed: Collection[str]) -> Type:
     """The type of a field; ``unnamed`` are the enums whose words stand for them."""
     one: Type
+    if field.message_type is not None and field.message_type.GetOptions().map_entry:
+        return ("map", type_of_field(field.message_type.fields_by_name["value"], unnamed))
     if field.enum_type is not None:
         enum = field.enum_type
         words = (rest_word(enum, value.number) for value in enum.values if value.number)
@@ -60,6 +62,8 @@ def type_of_schema(schema: Mapping[str, Any]) -> Type:
         return ("list", type_of_schema(schema["items"]))
     if schema.get("format") == "date-time":
         return "Timestamp"
+    if isinstance(schema.get("additionalProperties"), dict):
+        return ("map", type_of_schema(schema["additionalProperties"]))
     return "Struct" if schema["type"] == "object" else str(schema["type"])
 
 
@@ -71,7 +75,7 @@ def fits(of_schema: Type, of_field: Type) -> bool:
     if of_field == "string" and isinstance(of_schema, frozenset):
         return all(isinstance(word, str) for word in of_schema)
     if isinstance(of_schema, tuple) and isinstance(of_field, tuple):
-        return fits(of_schema[1], of_field[1])
+        return of_schema[0] == of_field[0] and fits(of_schema[1], of_field[1])
     if isinstance(of_schema, frozenset) and isinstance(of_field, frozenset):
         return of_schema <= of_field
     return of_schema == of_field

@@ -16,6 +16,8 @@ from fvs_engine.plan.targets import Targets
 from fvs_engine.plan.tours import Budget
 from fvs_engine.plan.volumes import Box, Cylinder
 from fvs_engine.views import PinholeView
+from fvs_engine.wording import hint, sentence
+from fvs_schema.findings import Finding, FindingCode
 
 CAMERA = PinholeCamera(64, 48, 60.0, 60.0, 32.0, 24.0)
 
@@ -176,9 +178,8 @@ def test_a_vehicle_that_cannot_fly_leaves_the_views_to_the_others(
     assert (grounded.stops, grounded.length, grounded.via_home) == ((), 0.0, ())
     assert len(flying.stops) >= 2
     (warning,) = found.warnings
-    assert warning.code == "vehicle-grounded"
-    assert warning.message == f"The 1st of 2 vehicles gets no tour: {why}"
-    assert warning.hint.endswith(".")
+    assert sentence(warning) == f"Vehicle 1 of 2 gets no tour: {why}"
+    assert hint(warning).endswith(".")
 
 
 @pytest.mark.parametrize("home", [False, True])
@@ -189,9 +190,10 @@ def test_a_vehicle_whose_distance_is_too_short_says_how_far_it_is(targets: Targe
     assert not found.tours[1].stops
     (warning,) = found.warnings
     nearest = np.linalg.norm(targets.centres - starts[1], axis=1).min()
-    assert "The 2nd of 2 vehicles gets no tour: its distance of 18 does not reach any" in warning.message
-    assert warning.message.endswith(f"nearest is {2 * nearest:.4g} away.")
-    least = float(warning.hint.split()[3]) / 2.0
+    assert warning.code is FindingCode.VEHICLE_OUT_OF_RANGE
+    assert (warning.numbers["vehicle"], warning.numbers["distance"]) == (2, pytest.approx(18))
+    assert warning.numbers["nearest"] == pytest.approx(2 * nearest)
+    least = warning.numbers["least"] / 2.0
     assert least >= nearest * (2 if home else 1)
     assert not make_plan(targets, Budget(5, least, home), starts, SEEN).warnings
 
@@ -207,9 +209,8 @@ def test_candidates_behind_a_fence_are_counted(targets: Targets) -> None:
     legs = free_legs(targets.centres, start[None], FreeSpace(no_fly=[FENCE]))
     found = make_plan(targets, Budget(views=5), [start], SEEN, legs)
     (warning,) = found.warnings
-    assert warning.code == "unreachable"
     behind = sum(term.distance is None for term in found.terms)
-    assert warning.message.startswith(f"{behind} of the 35 candidates cannot be reached")
+    assert warning == Finding.of(FindingCode.UNREACHABLE, missed=behind, of=35)
 
 
 def test_one_photograph_is_planned_of_each_pose() -> None:
@@ -222,8 +223,7 @@ def test_one_photograph_is_planned_of_each_pose() -> None:
         found = make_plan(targets, budget, [ring(0)[0].centre], SEEN)
         assert {stop.name for stop in found.tours[0].stops} == {"090", "180"}
         (warning,) = found.warnings
-        assert warning.code == "same-pose"
-        assert warning.message.startswith("4 of the 6 candidates have the pose of another")
+        assert warning == Finding.of(FindingCode.SAME_POSE, copies=4, of=6)
 
 
 def test_a_candidate_far_away_does_not_make_others_appear_the_same() -> None:

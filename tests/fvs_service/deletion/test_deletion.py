@@ -242,7 +242,7 @@ def test_an_update_that_changes_nothing_makes_no_snapshot(gateway: Any) -> None:
     jobs = gateway.client.get(f"/v1/scenes/{scene}/jobs").json()["items"]
     assert [job["snapshot_id"] for job in jobs] == [snapshot, snapshot]
     assert jobs[0]["state"] == "succeeded"
-    assert snapshot in jobs[0]["warnings"][0]
+    assert [warning["texts"] for warning in jobs[0]["warnings"]] == [{"snapshot": snapshot}]
     assert len(gateway.client.get(f"/v1/scenes/{scene}/snapshots").json()["items"]) == 1
 
 

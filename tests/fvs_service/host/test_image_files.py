@@ -10,7 +10,7 @@ from fvs_service.host.protocol.messages import RunJob
 from fvs_service.host.runner.image_files import discard_images, prepare_images
 from fvs_service.host.runner.scene_jobs import SceneJobs
 from fvs_service.ids import new_id
-from fvs_service.images.files import blob_key, with_original_names
+from fvs_service.images.files import blob_key, notice_of
 from fvs_service.settings import WorkerSettings
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.clock import now
@@ -18,6 +18,7 @@ from PIL import Image
 
 from fvs_engine.errors import EngineError
 from fvs_engine.monitor import Monitor
+from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.images import Image as SceneImage
 from fvs_schema.images import Registration, Verdict
 from fvs_schema.jobs import JobKind, JobRequest
@@ -105,7 +106,7 @@ def test_what_was_deleted_meanwhile_is_left_out_and_what_the_engine_rejects_is_n
     placed = prepare_images(blobs, images, folder, Monitor())
     assert list(placed.files.values()) == images[:1]
     assert list(placed.rejected) == [images[2].digest]
-    assert "32×900 px" in placed.rejected[images[2].digest]
+    assert "32×900 px" in placed.rejected[images[2].digest].texts["why"]
 
 
 @pytest.mark.parametrize("kind", JobKind)
@@ -113,8 +114,8 @@ def test_a_job_names_the_images_that_the_engine_rejects(
     tmp_path: Path, store: Callable[..., SceneImage], kind: JobKind
 ) -> None:
     images = (store(1), store(2))
-    told: list[str] = []
-    quarantined: dict[str, str] = {}
+    told: list[Finding] = []
+    quarantined: dict[str, Finding] = {}
     blobs, bad = Blobs(tmp_path / "blobs"), images[1]
     out = io.BytesIO()
     Image.new("L", (32, 900)).save(out, "JPEG")
@@ -130,8 +131,8 @@ def test_a_job_names_the_images_that_the_engine_rejects(
         snapshot_id=None,
     )
     with pytest.raises(EngineError):  # one image makes no model
-        jobs.run(request, cast(Any, Monitor()), told.append, quarantined.update)
-    (sentence,) = (with_original_names(one, images) for one in told)
-    assert sentence.startswith(f"{bad.name} is quarantined: ")
-    assert "32×900 px" in sentence
+        jobs.run(request, cast(Any, Monitor(on_warning=told.append)), quarantined.update)
+    (warning,) = (notice_of(one, images) for one in told)
+    assert (warning.code, warning.images) == (FindingCode.UNUSABLE_PHOTOGRAPH, (bad.digest,))
+    assert "32×900 px" in warning.message
     assert list(quarantined) == [bad.digest]

@@ -220,7 +220,8 @@ def test_an_update_without_new_images_keeps_the_snapshot(service: Any, modelled:
     assert scene["snapshot_id"] == before
     if made["kind"] == "update":  # else there may be no snapshot of an update with the same model
         assert done["snapshot_id"] == before
-        assert before in done["warnings"][-1]
+        assert done["warnings"][-1]["code"] == "update-unchanged"
+        assert done["warnings"][-1]["texts"] == {"snapshot": before}
     assert service.client.get(f"/v1/scenes/{modelled}/size").json()["working_bytes"] > 0
 
 
@@ -250,7 +251,7 @@ def test_a_quality_that_cannot_be_measured_is_a_warning(
     service.finish(service.start(scene, iterations=3, long_side_px=64))
     fine = service.start(scene, "fine", iterations=2, long_side_px=64, test_every=1_000)
     done = service.finish(fine)
-    assert any("No image is held out" in sentence for sentence in done["warnings"])
+    assert "none-held-out" in [warning["code"] for warning in done["warnings"]]
     made = service.client.get(f"/v1/snapshots/{done['snapshot_id']}").json()
     assert (made["metrics"]["iterations"], made["metrics"]["psnr_db"]) == (2, None)
 

@@ -141,6 +141,6 @@ def test_an_update_passes_all_priors_on(tmp_path: Path, monkeypatch: pytest.Monk
     )
     monitor: Any = Monitor()
     with pytest.raises(Cancelled):
-        jobs.run(request, monitor, lambda _sentence: None)
+        jobs.run(request, monitor)
     assert [list(positions.by_name) for positions in passed] == [["000000.jpg", "000001.jpg", "000002.jpg"]]
     assert priors == [FocalPrior(focal_length_px=2000.0, width_px=1600)]

@@ -24,6 +24,7 @@ from fvs_engine.geometry import PinholeCamera, look_at
 from fvs_engine.lab.baselines import SELECTORS
 from fvs_engine.views import PinholeView
 from fvs_schema.candidates import CandidateStatus
+from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.words import Method
 
 
@@ -115,8 +116,11 @@ def _call(server: socket.socket) -> object:
     return call(f"127.0.0.1:{server.getsockname()[1]}/secret", Ping(), 5)
 
 
+ODD = Finding.of(FindingCode.UNCALIBRATED)
+
+
 def test_warnings_precede_the_result(listening: socket.socket) -> None:
-    thread = _respond(listening, {"part": Warned(sentence="Mind.")}, {"result": 7})
+    thread = _respond(listening, {"part": Warned(finding=ODD)}, {"result": 7})
     assert _call(listening) == 7
     thread.join()
 
@@ -131,7 +135,7 @@ def test_a_failure_is_raised(listening: socket.socket) -> None:
 
 
 def test_a_runner_that_dies_before_its_response_is_gone(listening: socket.socket) -> None:
-    thread = _respond(listening, {"part": Warned(sentence="It dies.")})
+    thread = _respond(listening, {"part": Warned(finding=ODD)})
     with pytest.raises(RunnerGoneError):
         _call(listening)
     thread.join()

@@ -72,7 +72,9 @@ def test_a_deadly_image_is_named_and_the_others_become_a_model(
         update = service.start(scene)
         _kill_in_the_search(service, WORKER, 3)
         job = service.finish(update)
-        assert any(DEADLY in warning for warning in job["warnings"]), job["warnings"]
+        named = [warning for warning in job["warnings"] if warning["code"] == "quarantined"]
+        assert [warning["images"] for warning in named] == [[_image(service, scene)["digest"]]]
+        assert DEADLY in named[0]["message"]
         snapshot = service.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"]
         assert service.snapshot(snapshot)["metrics"]["registered"] == 5
         image = _image(service, scene)

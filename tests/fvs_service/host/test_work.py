@@ -10,7 +10,7 @@ from typing import Any, cast
 
 import pytest
 from fvs_service.host.protocol.connection import Connection, RunnerGoneError
-from fvs_service.host.protocol.messages import JobFinished, RunJob, StageProgress
+from fvs_service.host.protocol.messages import JobFinished, RunJob, StageProgress, Warned
 from fvs_service.host.runner import scene_jobs
 from fvs_service.host.runner.image_files import PreparedImages
 from fvs_service.host.runner.job_monitor import JobMonitor
@@ -23,6 +23,8 @@ from granted_scenes import GrantedScenes
 
 from fvs_engine.errors import Cancelled, DamagedOutputError, OtherSettingsError
 from fvs_engine.monitor import Monitor
+from fvs_engine.wording import sentence
+from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.jobs import JobKind, JobRequest
 from fvs_schema.stages import Stage
 
@@ -93,7 +95,7 @@ class Scene:
     """A scene whose models are to be trained."""
 
     visited: tuple[str, ...] = ()
-    quarantined: dict[str, str] = {}  # noqa: RUF012
+    quarantined: dict[str, Finding] = {}  # noqa: RUF012
     views: tuple[Any, ...] = ()
 
     def __init__(self) -> None:
@@ -114,8 +116,12 @@ class Scene:
         raise Cancelled("It was asked to train.")
 
 
-def _monitor() -> JobMonitor:
-    return JobMonitor(lambda _stage: None, RequestQueue(1, 1))
+def _monitor(warnings: list[Finding] | None = None) -> JobMonitor:
+    def receive(message: StageProgress | Warned) -> None:
+        if isinstance(message, Warned) and warnings is not None:
+            warnings.append(message.finding)
+
+    return JobMonitor(receive, RequestQueue(1, 1))
 
 
 def _jobs(folder: Path) -> SceneJobs:
@@ -156,13 +162,11 @@ def test_a_scene_of_other_settings_is_reconstructed_from_scratch(
     monkeypatch.setattr(scene_jobs, "prepare_images", lambda *_: PreparedImages(images, {}))
     monkeypatch.setattr(scene_jobs, "pose_priors", lambda *_: {})
     monkeypatch.setattr(scene_jobs.Scene, "open", opened)
-    warnings: list[str] = []
-    assert _jobs(tmp_path).run(_request(trains=False), _monitor(), warnings.append) is None
+    warnings: list[Finding] = []
+    assert _jobs(tmp_path).run(_request(trains=False), _monitor(warnings)) is None
     assert scene.calls == ["add", "save"]
     assert not kept.exists()
-    assert warnings == [
-        "The settings of the service have changed. So the scene was reconstructed from scratch."
-    ]
+    assert warnings == [Finding.of(FindingCode.STARTED_AGAIN_WITH_SETTINGS)]
 
 
 def test_a_damaged_scene_is_reconstructed_from_scratch(
@@ -180,10 +184,10 @@ def test_a_damaged_scene_is_reconstructed_from_scratch(
     monkeypatch.setattr(scene_jobs, "prepare_images", lambda *_: PreparedImages(images, {}))
     monkeypatch.setattr(scene_jobs, "pose_priors", lambda *_: {})
     monkeypatch.setattr(scene_jobs.Scene, "open", lambda *_: Damaged() if damaged.exists() else scene)
-    warnings: list[str] = []
-    assert _jobs(tmp_path).run(_request(trains=False), _monitor(), warnings.append) is None
+    warnings: list[Finding] = []
+    assert _jobs(tmp_path).run(_request(trains=False), _monitor(warnings)) is None
     assert scene.calls == ["add", "save"]
-    assert warnings == ["The feature database is damaged. So the scene was reconstructed from scratch."]
+    assert warnings == [Finding.of(FindingCode.STARTED_AGAIN_AFTER_DAMAGE)]
 
 
 def test_a_runner_registers_alone_what_its_worker_does_not_train(
@@ -198,7 +202,7 @@ def test_a_runner_registers_alone_what_its_worker_does_not_train(
     jobs = _jobs(tmp_path)
 
     def run(*, trains: bool) -> Any:
-        return jobs.run(_request(trains=trains), _monitor(), lambda _sentence: None)
+        return jobs.run(_request(trains=trains), _monitor())
 
     assert run(trains=False) is None
     assert scene.calls == ["add", "save"]
@@ -225,26 +229,27 @@ def test_a_new_scene_of_many_images_gets_a_model_of_its_first_ones(
     monkeypatch.setattr(SceneJobs, "_open_scene", lambda *_: scene)
     monkeypatch.setattr(SceneJobs, "_outcome_of_update", lambda *given, **_: given)
     published: list[tuple[str, int]] = []
-    warnings: list[str] = []
-    scene.quarantined = {"03": "It crashes."}
-    monkeypatch.setattr(SomeUpdate, "warnings", ("It is doubtful.",))
+    warnings: list[Finding] = []
+    scene.quarantined = {"03": Finding.of(FindingCode.QUARANTINED, ["03"])}
+    monkeypatch.setattr(SomeUpdate, "warnings", (Finding.of(FindingCode.UNCALIBRATED),))
     monkeypatch.setattr(scene_jobs, "_quarantine", lambda *_: None)
     _jobs(tmp_path).run(
         _request(trains=True),
-        _monitor(),
-        warnings.append,
+        _monitor(warnings),
         publish=lambda name, outcome: published.append((name, len(cast(Any, outcome)[3]))),
     )
     assert added == ([10, count] if first else [count])
     assert published == ([("first", 9)] if first else []) + [("quick", count - 1)]
-    assert warnings == (["The first 10 images: It is doubtful."] if first else []) + ["It is doubtful."]
+    told = ["The first 10 images: The view graph"] if first else []
+    assert [sentence(warning)[:35] for warning in warnings[:-1]] == told
+    assert warnings[-1] == Finding.of(FindingCode.UNCALIBRATED)
     if first:  # and the job was killed before it saved
         added.clear()
-        _jobs(tmp_path).run(_request(trains=True), _monitor(), lambda _: None)
+        _jobs(tmp_path).run(_request(trains=True), _monitor())
         assert added == [count]
     (tmp_path / "growing" / "first-model-tried").unlink(missing_ok=True)
     added.clear()
     request = _request(trains=True).model_copy(update={"snapshot_id": "snp"})
     monkeypatch.setattr(SceneJobs, "_evaluate_previous", lambda *_: None)
-    _jobs(tmp_path).run(request, _monitor(), lambda _: None)
+    _jobs(tmp_path).run(request, _monitor())
     assert added == [count]

@@ -11,6 +11,9 @@ from fvs_service.principal import Scope
 from fvs_service.storage.tables import EventRow
 from sqlalchemy import select
 
+from fvs_engine.wording import notice
+from fvs_schema.findings import Finding, FindingCode
+
 Photograph = Callable[..., bytes]
 
 
@@ -68,19 +71,22 @@ def test_a_quarantined_image_says_why_and_can_be_tried_again(gateway: Any, photo
     digest = gateway.put(scene, content).json()["digest"]
     lease = gateway.lease(scene)
     database = gateway.application.storage.database
-    for reason in ("It kills.", "It still kills."):
+    for how in ("signal SIGSEGV", "signal SIGABRT"):
+        reason = notice(Finding.of(FindingCode.QUARANTINED, ["a.jpg"], stage="match", how=how))
         with database.writing() as session:
-            quarantine(session, lease, {digest: reason, f"sha256:{'0' * 64}": "It is not there."})
+            quarantine(session, lease, {digest: reason, f"sha256:{'0' * 64}": reason})
     image = gateway.client.get(_path(scene, content)).json()
     assert (image["verdict"], image["registration"], image["reason"]) == (
         "accepted",
         "quarantined",
-        "It kills.",
+        "a.jpg is quarantined: it crashes the stage match whenever that gets it (signal SIGSEGV).",
     )
+    assert image["finding"] == "quarantined"
     assert image["hint"]
     assert gateway.client.get(f"/v1/scenes/{scene}").json()["image_counts"]["quarantined"] == 1
     assert _usable(gateway, scene) == []
-    assert gateway.client.post(_path(scene, content, ":include")).json()["registration"] == "pending"
+    included = gateway.client.post(_path(scene, content, ":include")).json()
+    assert (included["registration"], included["reason"], included["finding"]) == ("pending", "", None)
     assert _kinds(gateway, scene).count("image.quarantined") == 1
 
 

@@ -310,8 +310,9 @@ def test_sharpness_does_not_depend_on_contrast() -> None:
 def test_what_the_engine_says_is_told_with_the_names_of_the_senders(
     gateway: Any, photograph: Photograph
 ) -> None:
-    from fvs_service.images.files import file_name, with_original_names
+    from fvs_service.images.files import file_name, notice_of, with_original_names
 
+    from fvs_schema.findings import Finding, FindingCode
     from fvs_schema.images import Image as SceneImage
 
     scene = gateway.scene()
@@ -321,6 +322,13 @@ def test_what_the_engine_says_is_told_with_the_names_of_the_senders(
     said = f"{first}, {second}.png and 000009-0123456789ab.jpg show nothing. 000001-4."
     told = "IMG 0.jpg, IMG 1.jpg and 000009-0123456789ab.jpg show nothing. 000001-4."
     assert with_original_names(said, images) == told
+    found = Finding.of(FindingCode.UNMATCHED, [f"{first}.png", "000009-0123456789ab.jpg"])
+    shown = notice_of(found, images)
+    assert shown.images == (images[0].digest, "000009-0123456789ab.jpg")
+    assert shown.message == "Not registered, as no other image matches: IMG 0.jpg, 000009-0123456789ab.jpg."
+    crash = Finding.of(FindingCode.QUARANTINED, [second], stage="match", how="no /srv/scenes/x.jpg")
+    assert "IMG 1.jpg is quarantined" in notice_of(crash, images).message
+    assert "/srv" not in notice_of(crash, images).model_dump_json()
 
 
 def test_an_upload_that_nobody_resumes_is_deleted(open_gateway: Any) -> None:

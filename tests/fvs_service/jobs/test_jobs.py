@@ -4,6 +4,8 @@ import pytest
 from fvs_service.errors import StaleLeaseError
 from fvs_service.jobs.repository import images_milestone
 
+from fvs_engine.wording import notice
+from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.jobs import JobFailure, JobState
 
 
@@ -51,12 +53,14 @@ def test_progress_never_goes_back(gateway: Any) -> None:
         ledger.report(lease, job_id, stage, progress, eta_s=3.0)
         shown.append((_job(gateway, job_id)["stage"], _job(gateway, job_id)["progress"]))
     assert shown == [("features", 0.2), ("matching", 0.2), ("evidence", 0.5), ("training", 0.5)]
-    ledger.warn(lease, job_id, "Something is odd.")
-    ledger.warn(lease, job_id, "Something is odd.")
+    warning = notice(Finding.of(FindingCode.POSES_LOST, [f"sha256:{'0' * 64}"], of=12, stage="training"))
+    ledger.warn(lease, job_id, warning)
+    ledger.warn(lease, job_id, warning)
     ledger.succeed(lease, job_id)
     ended = _job(gateway, job_id)
     assert (ended["state"], ended["progress"], ended["eta_s"]) == ("succeeded", 1.0, None)
-    assert ended["warnings"] == ["Something is odd."]
+    assert ended["warnings"] == [warning.model_dump(mode="json")]
+    assert warning.code is FindingCode.POSES_LOST
     assert _events(gateway, scene) == ["scene.created", "job.queued", "job.started", "job.succeeded"]
 
 
@@ -201,7 +205,7 @@ def test_a_worker_that_lost_its_lease_changes_nothing(gateway: Any) -> None:
         lambda: storage.leases.extend(frozen),
         lambda: storage.ledger.start(frozen, job_id, 1),
         lambda: storage.ledger.report(frozen, job_id, "training", 0.9),
-        lambda: storage.ledger.warn(frozen, job_id, "late"),
+        lambda: storage.ledger.warn(frozen, job_id, notice(Finding.of(FindingCode.UNCALIBRATED))),
         lambda: storage.ledger.commit_milestone(frozen, job_id, "training", {}),
         lambda: storage.ledger.succeed(frozen, job_id),
         lambda: storage.ledger.cancel(frozen, job_id),

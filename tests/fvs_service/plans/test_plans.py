@@ -212,8 +212,9 @@ def test_a_vehicle_that_cannot_fly_is_named_and_the_others_fly(gateway: Any, sce
     plan = _plan(gateway, scene, **asked, vehicles=vehicles).json()
     assert [len(tour["stops"]) for tour in plan["tours"]] == [0, 3]
     (warning,) = plan["warnings"]
-    assert warning["code"] == "vehicle-grounded"
-    assert warning["message"] == "The 1st of 2 vehicles gets no tour: its start is in a no-fly zone."
+    assert warning["code"] == "vehicle-blocked"
+    assert warning["message"] == "Vehicle 1 of 2 gets no tour: its start is in a no-fly zone."
+    assert warning["numbers"] == {"vehicle": 1, "of": 2}
     assert warning["hint"] == "Give it another start, or smaller zones."
     none = _plan(gateway, scene, **asked, vehicles=vehicles[:1])
     assert none.status_code == 422

@@ -282,9 +282,9 @@ def test_the_runner_is_told_where_the_vehicle_is_and_what_is_out_of_range(gatewa
         (None, 40, None),
         (3, 40, None),
         (2, 2, None),
-        (2, 40, "Only 2 of the 40 candidates are likely"),
-        (1, 40, "Only 1 of the 40 candidates is likely"),
-        (0, 1, "None of the 1 candidates is likely"),
+        (2, 40, "Likely to be registered are only 2 of the 40 candidates"),
+        (1, 40, "Likely to be registered are only 1 of the 40 candidates"),
+        (0, 1, "Likely to be registered are only 0 of the 1 candidates"),
     ],
 )
 def test_a_warning_says_when_hardly_any_candidate_can_be_registered(

@@ -8,6 +8,8 @@ from fvs_service.gateway.rest.ranges import byte_range
 from hypothesis import given
 from hypothesis import strategies as st
 
+from fvs_engine.wording import notice
+from fvs_schema.findings import Finding, FindingCode, Notice
 from fvs_schema.scenes import Alignment
 
 
@@ -139,7 +141,7 @@ def test_a_snapshot_is_committed_once_per_stage(gateway: Any, tmp_path: Path) ->
 def test_a_model_that_comes_back_is_the_latest_again(gateway: Any) -> None:
     """An image was excluded and included: its models are bit by bit those that were before."""
 
-    def latest() -> tuple[str, list[str]]:
+    def latest() -> tuple[str, list[dict[str, Any]]]:
         found = gateway.client.get(f"/v1/scenes/{scene}").json()["snapshot_id"]
         jobs = gateway.client.get(f"/v1/scenes/{scene}/jobs").json()["items"]
         return found, max(jobs, key=lambda job: job["id"])["warnings"]
@@ -152,7 +154,7 @@ def test_a_model_that_comes_back_is_the_latest_again(gateway: Any) -> None:
     assert latest() == (with_it, [])
     assert gateway.model(scene, seed=1) == with_it
     assert latest()[0] == with_it
-    assert "changed nothing" in latest()[1][0]
+    assert [warning["code"] for warning in latest()[1]] == ["update-unchanged"]
 
 
 def test_a_fine_model_that_knows_fewer_images_does_not_guide(gateway: Any, tmp_path: Path) -> None:
@@ -238,7 +240,9 @@ def test_images_show_what_became_of_them(gateway: Any, photograph: Any, tmp_path
         "sh_degree": 0,
     }
 
-    def commit(stage: str, registered: list[str], unregistered: dict[str, str]) -> list[dict[str, Any]]:
+    def commit(
+        stage: str, registered: list[str], unregistered: dict[str, Notice | None]
+    ) -> list[dict[str, Any]]:
         made = NewSnapshot(
             SnapshotMetrics(**metrics),
             Alignment(),
@@ -250,13 +254,15 @@ def test_images_show_what_became_of_them(gateway: Any, photograph: Any, tmp_path
         items: list[dict[str, Any]] = gateway.client.get(f"/v1/scenes/{scene}/images").json()["items"]
         return items
 
-    items = commit("first", digests[:1], {digests[1]: "It matches no other image."})
+    unmatched = notice(Finding.of(FindingCode.UNMATCHED, ["b.jpg"]))
+    items = commit("first", digests[:1], {digests[1]: unmatched})
     assert [item["registration"] for item in items] == ["registered", "unregistered", "pending"]
-    assert [item["reason"] for item in items] == ["", "It matches no other image.", ""]
+    assert [item["reason"] for item in items] == ["", unmatched.message, ""]
+    assert [item["finding"] for item in items] == [None, "unmatched", None]
     assert items[1]["hint"].startswith("Photograph what lies between")
     assert gateway.client.get(f"/v1/scenes/{scene}").json()["image_counts"]["pending"] == 1
 
-    items = commit("second", digests[1:], {digests[0]: ""})
+    items = commit("second", digests[1:], {digests[0]: None})
     assert [item["registration"] for item in items] == ["unregistered", "registered", "registered"]
     assert [item["reason"] + item["hint"] for item in items] == ["", "", ""]
 

@@ -161,7 +161,7 @@ def _print(job: Job, *, as_json: bool) -> None:
     if job.error is not None:
         typer.echo(f"{job.error.message} {job.error.hint}".rstrip())
     for warning in job.warnings:
-        typer.echo(f"warning: {warning}")
+        typer.echo(f"{warning.severity}: {warning.message} {warning.hint}")
     snapshot = job.snapshot()
     if snapshot is not None:
         typer.echo(f"{snapshot.id}  {describe_metrics(snapshot.metrics)}")

@@ -8,7 +8,7 @@ A message has its model's fields under their names. What protobuf cannot express
 * a message whose only field is ``items`` is a list, which can be present and empty;
 * a message with a ``oneof`` ``kind`` is a union whose members have a ``kind``; one with a ``oneof``
   ``pose`` is a union of members that differ by their fields;
-* timestamps are ``google.protobuf.Timestamp``, any object is a ``Struct``.
+* timestamps are ``google.protobuf.Timestamp``, any object is a ``Struct``, numbers or texts by name a map.
 """
 
 import re
@@ -95,8 +95,8 @@ def _fields(descriptor: Descriptor) -> Mapping[str, _Field]:
         message = field.message_type
         words = {} if field.enum_type is None else _words(field.enum_type)
         found[field.name] = _Field(
-            repeated=field.is_repeated,
-            message=None if message is None or message.full_name in (_TIMESTAMP, _STRUCT) else message,
+            repeated=field.is_repeated and not _is_map(message),
+            message=None if message is None or _has_own_form(message) else message,
             timestamp=message is not None and message.full_name == _TIMESTAMP,
             enum=field.enum_type,
             words=words,
@@ -189,6 +189,15 @@ def _member_for(descriptor: Descriptor, union: str, document: Mapping[str, Any])
         for name, field in fields.items()
         if field.message is not None and document.keys() <= _fields(field.message).keys()
     )
+
+
+def _has_own_form(message: Descriptor) -> bool:
+    """Whether its constructor takes the value as it is in the model."""
+    return message.full_name in (_TIMESTAMP, _STRUCT) or _is_map(message)
+
+
+def _is_map(message: Descriptor | None) -> bool:
+    return message is not None and bool(message.GetOptions().map_entry)
 
 
 @cache

@@ -12,6 +12,7 @@ from pydantic import Field, TypeAdapter
 from fvs_engine.errors import EngineError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.records import Record
+from fvs_schema.findings import Finding
 from fvs_schema.images import Image
 from fvs_schema.jobs import JobRequest
 from fvs_schema.scenes import CameraPrior, Origin
@@ -125,14 +126,14 @@ class JobOutcome(Record):
     """What a job has made: ``files`` in ``folder``, and which images are registered.
 
     ``model_from_camera`` has the poses of the registered images by digest; ``unregistered`` has the digests
-    of all others that the job processed, with the reasons, which may be empty. ``positions_ignored``: the
+    of all others that the job processed, with the reasons, where there are any. ``positions_ignored``: the
     images contradict the positions, so these do not align the model with the world.
     """
 
     folder: str
     files: tuple[str, ...]
     model_from_camera: dict[str, RigidTransform]
-    unregistered: dict[str, str]
+    unregistered: dict[str, Finding | None]
     metrics: SnapshotMetrics
     positions_ignored: bool = False
 
@@ -152,17 +153,17 @@ class StageProgress(Record):
 
 
 class Warned(Record):
-    """A sentence for the user about the job's result."""
+    """What the user should know about the job's result."""
 
     kind: Literal["warning"] = "warning"
-    sentence: str
+    finding: Finding
 
 
 class Quarantined(Record):
     """The digests of images that crash structure from motion, with the reasons."""
 
     kind: Literal["quarantined"] = "quarantined"
-    reasons: dict[str, str]
+    reasons: dict[str, Finding]
 
 
 class ModelMade(Record):

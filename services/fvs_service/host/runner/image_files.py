@@ -9,6 +9,7 @@ from fvs_engine.images.catalog import catalog_images
 from fvs_engine.images.normalise import normalise_images
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.stages import fresh_folder
+from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.images import Image
 from fvs_service.images.files import ARRIVALS, READY, export_images, file_name
 from fvs_service.storage.blobs import Blobs
@@ -22,7 +23,7 @@ class PreparedImages:
     """
 
     files: Mapping[str, Image]
-    rejected: Mapping[str, str]
+    rejected: Mapping[str, Finding]
 
 
 def prepare_images(blobs: Blobs, images: Sequence[Image], folder: Path, monitor: Monitor) -> PreparedImages:
@@ -32,7 +33,7 @@ def prepare_images(blobs: Blobs, images: Sequence[Image], folder: Path, monitor:
     that were deleted meanwhile are left out.
     """
     folder.mkdir(parents=True, exist_ok=True)
-    rejected: dict[str, str] = {}
+    rejected: dict[str, Finding] = {}
     there = _present(folder)
     missing = [image for image in images if _stem(file_name(image)) not in there]
     if missing:
@@ -45,7 +46,10 @@ def prepare_images(blobs: Blobs, images: Sequence[Image], folder: Path, monitor:
         for file in normalise_images(catalog.photographs, ready, monitor=monitor).values():
             file.replace(folder / file.name)
         rejected = {
-            arrived[bad.name].digest: f"The engine rejects it: {bad.reason}" for bad in catalog.rejected
+            arrived[bad.name].digest: Finding.of(
+                FindingCode.UNUSABLE_PHOTOGRAPH, [bad.name], why=bad.reason, remedy=bad.hint
+            )
+            for bad in catalog.rejected
         }
         shutil.rmtree(arrivals)
     present = _present(folder)

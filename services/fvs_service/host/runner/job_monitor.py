@@ -5,7 +5,7 @@ from collections.abc import Callable
 
 from fvs_engine.monitor import Monitor, Progress
 from fvs_schema.stages import Stage
-from fvs_service.host.protocol.messages import StageProgress
+from fvs_service.host.protocol.messages import StageProgress, Warned
 from fvs_service.host.runner.request_queue import RequestQueue
 from fvs_service.jobs.stages import stage_of_job
 
@@ -16,15 +16,15 @@ _POLL_S = 0.1
 
 
 class JobMonitor(Monitor):
-    """Calls ``on_stage`` twice a second, and when a stage begins."""
+    """Sends the stage twice a second and when it begins, and warnings."""
 
     def __init__(
         self,
-        on_stage: Callable[[StageProgress], None],
+        on_message: Callable[[StageProgress | Warned], None],
         requests: RequestQueue,
     ) -> None:
-        super().__init__(self._report)
-        self._on_stage = on_stage
+        super().__init__(self._report, on_warning=lambda finding: on_message(Warned(finding=finding)))
+        self._on_message = on_message
         self._requests = requests
         self._reported: tuple[Stage | None, float] = (None, 0.0)
 
@@ -48,7 +48,7 @@ class JobMonitor(Monitor):
         if stage == progress.stage and time.monotonic() - when < _REPORT_EVERY_S:
             return
         self._reported = (progress.stage, time.monotonic())
-        self._on_stage(StageProgress(stage=progress.stage, share=progress.share))
+        self._on_message(StageProgress(stage=progress.stage, share=progress.share))
 
 
 class FirstModelMonitor(Monitor):

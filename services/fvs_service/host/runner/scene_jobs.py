@@ -1,5 +1,6 @@
 """A scene's jobs: register images, train the model, write the artifacts of a snapshot."""
 
+import logging
 import shutil
 from collections.abc import Callable, Mapping, Sequence
 from contextlib import AbstractContextManager
@@ -33,8 +34,7 @@ from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.settings import PRESETS
 from fvs_engine.splat.views import TrainingView
-from fvs_engine.wording import text
-from fvs_schema.findings import Finding
+from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.images import Image, Registration
 from fvs_schema.jobs import JobKind
 from fvs_schema.snapshots import SnapshotMetrics
@@ -48,18 +48,18 @@ from fvs_service.host.runner.pose_priors import pose_priors
 from fvs_service.host.runner.scene_choice import choose, read_choice
 from fvs_service.host.runner.scene_folder import SceneFolder
 from fvs_service.host.runner.snapshot_models import SnapshotModels
-from fvs_service.images.files import file_name
 from fvs_service.jobs.stages import FIRST_IMAGES, has_first_model
 from fvs_service.settings import WorkerSettings
 from fvs_service.storage.blobs import Blobs
+
+_log = logging.getLogger(__name__)
 
 _FIRST_TRIED = "first-model-tried"
 """Name of the file that marks a growing scene, also in the working copy, once a first model was tried."""
 _MOST_EVALUATED = 16
 """New images that the previous snapshot is evaluated on, so that an update does not take much longer."""
 
-Warn = Callable[[str], None]
-Quarantine = Callable[[Mapping[str, str]], None]
+Quarantine = Callable[[Mapping[str, Finding]], None]
 """Takes the digests of images to quarantine, with the reasons."""
 Publish = Callable[[Literal["first", "quick"], JobOutcome], None]
 """Receives an update's intermediate models: that of the first images, and the quick one of all images."""
@@ -87,7 +87,6 @@ class SceneJobs:
         self,
         request: RunJob,
         monitor: JobMonitor,
-        warn: Warn,
         quarantine: Quarantine = lambda _reasons: None,
         publish: Publish = lambda _name, _outcome: None,
     ) -> JobOutcome | None:
@@ -97,12 +96,13 @@ class SceneJobs:
         """
         try:
             if request.request.kind is not JobKind.UPDATE:
-                return self._fine(request, monitor, warn, quarantine)
+                return self._fine(request, monitor, quarantine)
             try:
-                return self._update(request, monitor, warn, quarantine, publish)
+                return self._update(request, monitor, quarantine, publish)
             except DamagedOutputError as damage:
-                self._start_again(damage.message, warn)
-                return self._update(request, monitor, warn, quarantine, publish)
+                _log.warning("%s", damage)
+                self._start_again(FindingCode.STARTED_AGAIN_AFTER_DAMAGE, monitor)
+                return self._update(request, monitor, quarantine, publish)
         except BaseException:
             self._scene = None  # what is in memory may be ahead of what is on disk, or differ from it
             raise
@@ -112,35 +112,35 @@ class SceneJobs:
         self._scene = None
 
     def _update(
-        self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine, publish: Publish
+        self, request: RunJob, monitor: JobMonitor, quarantine: Quarantine, publish: Publish
     ) -> JobOutcome | None:
         """Register the images, train the quick model and publish it, then train the full one.
 
         When the full model of these images is there already, no quick one is published. A new scene of many
         images gets a model of its first ones before.
         """
-        images = self._images(request, monitor, warn, quarantine)
+        images = self._images(request, monitor, quarantine)
         if len(images) < 2:
             raise ReconstructionError(
                 f"A model needs two usable images or more, and the scene has {len(images) or 'none'}.",
                 hint="Send more images that overlap; start with eight or more.",
             )
-        scene = self._open_scene(request, len(images), monitor, warn)
+        scene = self._open_scene(request, len(images), monitor)
         # An image that was included again after its quarantine is tried again.
         removed = [*(name for name in scene.visited if name not in images), *scene.quarantined]
         try:
             new = request.snapshot_id is None
             if request.trains and has_first_model(first=new, images=len(images)):
-                self._publish_first(request, scene, images, monitor, warn, publish)
+                self._publish_first(request, scene, images, monitor, publish)
             update = scene.add(tuple(images), monitor, pose_priors(images, request.origin), removed=removed)
         finally:
             quarantined = scene.quarantined
-            found = {images[name].digest: text(why) for name, why in quarantined.items() if name in images}
-            _quarantine(found, request, warn, quarantine)
+            found = {images[name].digest: why for name, why in quarantined.items() if name in images}
+            _quarantine(found, monitor, quarantine)
         images = {name: image for name, image in images.items() if name not in quarantined}
         previous_db = self._evaluate_previous(request, scene, images, monitor)
         for finding in update.warnings:
-            warn(text(finding))
+            monitor.warn(finding)
         scene.save()
         if not request.trains and not scene.is_trained("full"):
             return None
@@ -164,7 +164,6 @@ class SceneJobs:
         scene: Scene,
         images: Mapping[str, Image],
         monitor: Monitor,
-        warn: Warn,
         publish: Publish,
     ) -> None:
         """Publish a quick model of the first images: rankings need not wait for the others.
@@ -181,7 +180,8 @@ class SceneJobs:
         try:
             update = scene.add(tuple(first), stage, pose_priors(first, request.origin))
             for finding in update.warnings:
-                warn(f"The first {len(first)} images: {text(finding)}")
+                numbers = finding.numbers | {"first_images": len(first)}
+                monitor.warn(finding.model_copy(update={"numbers": numbers}))
             with self._gpu_slot(stage):
                 model = scene.train("quick", stage)
         except (ReconstructionError, TrainingError):
@@ -225,28 +225,26 @@ class SceneJobs:
         views = evenly_spaced(new, _MOST_EVALUATED)
         return mean_psnr_db(before, views, self._rasterizer, monitor)
 
-    def _images(
-        self, request: RunJob, monitor: Monitor, warn: Warn, quarantine: Quarantine
-    ) -> Mapping[str, Image]:
+    def _images(self, request: RunJob, monitor: Monitor, quarantine: Quarantine) -> Mapping[str, Image]:
         """The images by the names of their files, without those that the engine rejects."""
         prepared = prepare_images(self._blobs, request.images, self._folder.images, monitor)
-        _quarantine(prepared.rejected, request, warn, quarantine)
+        _quarantine(prepared.rejected, monitor, quarantine)
         return prepared.files
 
-    def _open_scene(self, request: RunJob, images: int, monitor: Monitor, warn: Warn) -> Scene:
+    def _open_scene(self, request: RunJob, images: int, monitor: Monitor) -> Scene:
         choice = choose(self._folder, request.request, self._settings, images)
         if self._scene is None:
             settings = choice.settings(request.camera, self._settings.threads)
             try:
                 self._scene = self._growing(settings, monitor)
             except OtherSettingsError:
-                self._start_again("The settings of the service have changed.", warn)
+                self._start_again(FindingCode.STARTED_AGAIN_WITH_SETTINGS, monitor)
                 self._scene = self._growing(settings, monitor)
         return self._scene
 
-    def _start_again(self, reason: str, warn: Warn) -> None:
-        """Delete the growing scene, which the photographs suffice to make; ``reason`` is a sentence."""
-        warn(f"{reason} So the scene was reconstructed from scratch.")
+    def _start_again(self, reason: FindingCode, monitor: Monitor) -> None:
+        """Delete the growing scene, which the photographs suffice to make."""
+        monitor.warn(Finding.of(reason))
         self._scene = None
         shutil.rmtree(self._folder.growing)
 
@@ -254,8 +252,8 @@ class SceneJobs:
         dataset = Dataset("scene", self._folder.images, (), arriving=True)
         return Scene.open(self._folder.growing, dataset, settings, self._rasterizer, monitor)
 
-    def _fine(self, request: RunJob, monitor: JobMonitor, warn: Warn, quarantine: Quarantine) -> JobOutcome:
-        placed = self._images(request, monitor, warn, quarantine)
+    def _fine(self, request: RunJob, monitor: JobMonitor, quarantine: Quarantine) -> JobOutcome:
+        placed = self._images(request, monitor, quarantine)
         final = FinalModel(self._fine_folder(request.job_id))
         cameras = final.cameras(self._growth.current_model, placed)
         wanted, settings = request.request, self._settings
@@ -263,7 +261,7 @@ class SceneJobs:
         views = photographs.load_all(cameras.views, monitor)
         trained, held_out = _split(views, wanted.test_every)
         if wanted.test_every is not None and not held_out:
-            warn(f"No image is held out for testing: {len(views)} are too few. The quality was not measured.")
+            monitor.warn(Finding.of(FindingCode.NONE_HELD_OUT, views=len(views)))
         training = PRESETS["fine"].model_copy(update={"max_gaussians": settings.fine_max_gaussians})
         training = training.with_iterations(wanted.iterations or settings.fine_iterations)
         with self._gpu_slot(monitor):
@@ -321,9 +319,7 @@ class SceneJobs:
         """
         posed = {view.name for view in views}
         unregistered = {
-            image.digest: text(why_unregistered[name]) if name in why_unregistered else ""
-            for name, image in images.items()
-            if name not in posed
+            image.digest: why_unregistered.get(name) for name, image in images.items() if name not in posed
         }
         metrics = SnapshotMetrics(
             registered=len(views),
@@ -347,11 +343,10 @@ class SceneJobs:
         )
 
 
-def _quarantine(reasons: Mapping[str, str], request: RunJob, warn: Warn, quarantine: Quarantine) -> None:
+def _quarantine(reasons: Mapping[str, Finding], monitor: Monitor, quarantine: Quarantine) -> None:
     """Name images in the job's warnings, then quarantine them: the next try does not get them any more."""
-    images = {image.digest: image for image in request.images}
-    for digest, reason in reasons.items():
-        warn(f"{file_name(images[digest])} is quarantined. {reason}")
+    for reason in reasons.values():
+        monitor.warn(reason)
     if reasons:
         quarantine(reasons)
 

@@ -31,7 +31,6 @@ from fvs_service.host.protocol.messages import (
     RunJob,
     RunnerStatus,
     SceneWanted,
-    Warned,
     YieldScene,
     failure_of,
 )
@@ -206,7 +205,6 @@ class RunnerServer:
                 self._jobs.run,
                 request,
                 self._monitor,
-                lambda sentence: _send_part(connection, Warned(sentence=sentence)),
                 lambda reasons: _send_part(connection, Quarantined(reasons=dict(reasons))),
                 lambda name, made: _send_part(connection, ModelMade(name=name, outcome=made)),
             ).result()

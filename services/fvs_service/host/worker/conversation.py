@@ -10,6 +10,7 @@ from typing import TypeAlias
 
 from fvs_engine.errors import Cancelled, NoProcessError, ProcessDiedError
 from fvs_engine.files.storage import DiskFullError
+from fvs_schema.findings import Notice
 from fvs_schema.jobs import Job, JobFailure, WaitReason
 from fvs_schema.stages import Stage
 from fvs_service.application import Storage
@@ -33,7 +34,7 @@ from fvs_service.host.worker.outcomes import Failed, LeftToAnother, Outcome, Pau
 from fvs_service.host.worker.progress import JobProgress
 from fvs_service.host.worker.stop import JobStop
 from fvs_service.images.exclusion import quarantine
-from fvs_service.images.files import with_original_names
+from fvs_service.images.files import notice_of, with_original_names
 from fvs_service.jobs.stages import Work
 from fvs_service.tracing import Span, Tracing
 
@@ -143,11 +144,11 @@ class Conversation:
                 self._patiently(lambda: self.commit(f"{name}-snapshot-{self.job.attempt}", made))
                 self.stop.may_be_superseded = name == "quick"  # the first model is of few images
             case Quarantined(reasons=reasons):
-                named = {digest: with_original_names(reason, images) for digest, reason in reasons.items()}
-                self._patiently(lambda: self._quarantine(named))
-            case Warned(sentence=sentence):
-                named_sentence = with_original_names(sentence, images)
-                self._patiently(lambda: self.storage.ledger.warn(lease, self.job.id, named_sentence))
+                notices = {digest: notice_of(reason, images) for digest, reason in reasons.items()}
+                self._patiently(lambda: self._quarantine(notices))
+            case Warned(finding=finding):
+                warning = notice_of(finding, images)
+                self._patiently(lambda: self.storage.ledger.warn(lease, self.job.id, warning))
 
     def _report(self, stage: Stage, eta_s: float | None) -> None:
         self._reported = time.monotonic()
@@ -158,7 +159,7 @@ class Conversation:
         if self._stage is not None and time.monotonic() - self._reported > _REPORT_EVERY_S:
             self._report(self._stage, self.progress.now())
 
-    def _quarantine(self, reasons: dict[str, str]) -> None:
+    def _quarantine(self, reasons: dict[str, Notice]) -> None:
         with self.storage.database.writing(self.job.scene_id) as session:
             quarantine(session, self.scene.lease, reasons)
 
