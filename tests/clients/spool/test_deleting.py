@@ -55,8 +55,6 @@ def test_a_file_that_another_scene_lacks_stays(outbox: Outbox, file: Path) -> No
     _make_room(outbox)
     outbox.refuse(second.number, Refusal("not-found", "There is no such scene."))
     _make_room(outbox)
-    outbox.acknowledge(second.number, None)
-    _make_room(outbox)
     assert file.exists()
     outbox.acknowledge(second.number, "duplicate")  # of an image whose bytes the scene has
     _make_room(outbox)
