@@ -13,12 +13,10 @@ from fvs_service.images.exclusion import Exclusions
 from fvs_service.images.fair_turns import FairTurns
 from fvs_service.images.inspection import image_limits
 from fvs_service.images.inspector import Inspector
-from fvs_service.images.partial_uploads import PartialUploads
-from fvs_service.images.resumable_uploads import ResumableUploads
 from fvs_service.images.service import Images
-from fvs_service.images.staging import StagingArea
 from fvs_service.images.upload_locks import UploadLocks
 from fvs_service.images.upload_places import UploadPlaces
+from fvs_service.images.uploads import Uploads
 from fvs_service.jobs.ledger import Ledger
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.service import Jobs
@@ -66,9 +64,7 @@ class Application:
     storage: Storage
     runners: SceneRunners
     store_check: StoreCheck
-    staging: StagingArea
-    partial_uploads: PartialUploads
-    resumable_uploads: ResumableUploads
+    uploads: Uploads
     upload_locks: UploadLocks
     upload_places: UploadPlaces
     inspection_turns: FairTurns
@@ -187,25 +183,19 @@ def open_application(
             )
             plans = Plans(storage.database, frames, runners, limits, taken_poses, require_room_for_results)
             destinations = Destinations(settings.webhook_hosts)
-            resumable_uploads = ResumableUploads(
-                settings.resumable_uploads,
+            uploads = Uploads(
+                settings.uploads,
                 keep_s=settings.partial_upload_s,
                 per_tenant=limits.partial_uploads_per_tenant,
                 spared_s=settings.upload_place_s,
+                reserve_bytes=settings.reserve_bytes,
+                max_bytes=limits.image_bytes,
             )
             yield Application(
                 storage=storage,
                 runners=runners,
                 store_check=StoreCheck(storage.blobs),
-                staging=StagingArea(
-                    settings.staging, reserve_bytes=settings.reserve_bytes, max_bytes=limits.image_bytes
-                ),
-                partial_uploads=PartialUploads(
-                    settings.partial_uploads,
-                    keep_s=settings.partial_upload_s,
-                    per_tenant=limits.partial_uploads_per_tenant,
-                ),
-                resumable_uploads=resumable_uploads,
+                uploads=uploads,
                 upload_locks=UploadLocks(),
                 # One more than inspectors: it is ready when the next one is.
                 inspection_turns=FairTurns(settings.inspectors + 1),
@@ -224,7 +214,7 @@ def open_application(
                 missions=Missions(storage.database, frames, rankings, plans),
                 webhooks=Webhooks(storage.database, destinations),
                 destinations=destinations,
-                deletions=Deletions(storage.database, resumable_uploads, settings.removal_grace_s),
+                deletions=Deletions(storage.database, uploads, settings.removal_grace_s),
             )
         finally:
             inspector.close()

@@ -279,18 +279,8 @@ class Settings(BaseSettings):
         return self.root / "heartbeats"
 
     @property
-    def staging(self) -> Path:
-        """The folder of uploads that have not fully arrived."""
-        return self.root / "staging"
-
-    @property
-    def partial_uploads(self) -> Path:
-        """The folder of uploads that broke off and may be resumed."""
-        return self.root / "partial-uploads"
-
-    @property
-    def resumable_uploads(self) -> Path:
-        """The folder of uploads that come in several requests."""
+    def uploads(self) -> Path:
+        """The folder of images that have not fully arrived."""
         return self.root / "uploads"
 
     @property

@@ -69,9 +69,9 @@ def test_an_upload_whose_client_vanishes_resumes_where_it_stopped(
     wait_until(lambda: received() >= before + 2 * CHUNK)
     call.cancel()
     gone.set()
-    wait_until(lambda: any(tenant.gateway.settings.partial_uploads.glob(f"*{digest_of(content)[7:]}*")))
+    wait_until(lambda: any(tenant.gateway.settings.uploads.rglob(f"*{digest_of(content)[7:]}*")))
     assert send(tenant, upload_parts(scene, content, offset=_offset(tenant, scene, content))).created
-    assert not list(tenant.gateway.settings.staging.iterdir())
+    assert not list(tenant.gateway.settings.uploads.rglob("*.part"))
 
 
 def test_an_upload_that_lies_is_refused_and_nothing_of_it_is_kept(
@@ -91,7 +91,7 @@ def test_an_upload_that_lies_is_refused_and_nothing_of_it_is_kept(
     chunk = images.UploadImageRequest(chunk=b"x")
     _, outcome = refused(lambda: send(tenant, iter([chunk])))
     assert outcome.code == "invalid-request"
-    assert not list(tenant.gateway.settings.staging.iterdir())
+    assert not list(tenant.gateway.settings.uploads.rglob("*.part"))
     assert tenant.call("ListImages", scene_id=scene).result["items"] == []
 
 

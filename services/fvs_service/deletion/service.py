@@ -8,7 +8,7 @@ from sqlalchemy.orm import Session
 
 from fvs_service.deletion import rows
 from fvs_service.errors import ConflictError, UnfinishedJobError
-from fvs_service.images.resumable_uploads import ResumableUploads
+from fvs_service.images.uploads import Uploads
 from fvs_service.jobs.repository import OPEN
 from fvs_service.plans.repository import plan_of
 from fvs_service.principal import Principal, Scope
@@ -27,7 +27,7 @@ REQUESTED = "requested"
 class Deletions:
     """Deletes scenes, snapshots, rankings and plans; each is gone when the call returns."""
 
-    def __init__(self, database: Database, uploads: ResumableUploads, grace_s: float) -> None:
+    def __init__(self, database: Database, uploads: Uploads, grace_s: float) -> None:
         self._database, self._uploads = database, uploads
         self._grace = timedelta(seconds=grace_s)
 

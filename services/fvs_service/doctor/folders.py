@@ -32,9 +32,8 @@ def folders_of_no_scene(storage: Storage, before: datetime) -> Iterator[Finding]
 
 
 def abandoned_uploads(settings: Settings, before: datetime) -> Iterator[Finding]:
-    """Staged files that nothing has been written to for a while."""
-    folder = settings.staging
-    for file in sorted(folder.glob("*")) if folder.is_dir() else ():
+    """Files of uploads that cannot be continued, and that nothing has been written to for a while."""
+    for file in sorted(settings.uploads.glob("*.part")):
         if _is_older(file, before):
             yield Finding(
                 "abandoned upload",

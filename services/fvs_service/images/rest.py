@@ -6,7 +6,6 @@ from typing import Annotated, Any
 from urllib.parse import quote
 
 from fastapi import Depends, Header, Path, Query, Request, Response
-from pydantic import ValidationError
 from starlette.concurrency import run_in_threadpool
 
 from fvs_schema.images import (
@@ -19,6 +18,7 @@ from fvs_schema.images import (
     UploadAnswer,
     UploadItem,
 )
+from fvs_schema.mistakes import InvalidInput
 from fvs_service.application import Application
 from fvs_service.errors import (
     InvalidRequestError,
@@ -40,10 +40,13 @@ from fvs_service.gateway.rest.digests import declared_digest, repr_digest
 from fvs_service.gateway.rest.multipart import UploadedFile, receive_files
 from fvs_service.gateway.rest.ranges import IfRange, RangeHeader, ranged_response
 from fvs_service.gateway.rest.routing import json_router
-from fvs_service.images.staging import require_digest
+from fvs_service.images.reception import Reception
+from fvs_service.images.upload_files import require_digest
 from fvs_service.images.upload_places import UploadPlace
+from fvs_service.images.uploads import Upload
 from fvs_service.principal import Principal
 from fvs_service.telemetry import Metrics
+from fvs_service.uninterrupted import to_its_end
 
 router = json_router("/v1/scenes/{scene_id}", "images")
 
@@ -134,7 +137,7 @@ async def upload_images(
     items = []
     with app.upload_places.place(caller, request.state.pace, declared_bytes(request)) as place:
         most = app.storage.settings.limits.multipart_files
-        files = receive_files(request, app.staging, most, parsing)
+        files = receive_files(request, app.uploads, most, parsing)
         while (file := await _next(files, place)) is not None:
             metadata = _named(file.name)
             async with app.inspection_turns.turn(caller):
@@ -219,25 +222,52 @@ async def _receive(
     request: Request,
     metrics: Metrics,
 ) -> tuple[Image, bool]:
-    """Stage the body of a PUT, and store it if the scene does not have the image."""
+    """Receive the body of a PUT, and store it if the scene does not have the image."""
     _require_image_type(request)
-    with app.upload_places.place(caller, request.state.pace, declared_bytes(request)) as place:
-        known = await run_in_threadpool(app.images.known, caller, scene_id, digest, metadata)
-        if known is not None:
-            async with place.receiving():
-                async for _ in request.stream():  # read it all, so that the connection can be reused
-                    pass
-            return known, False
-        with app.staging.receive(declared_bytes(request)) as receiver:
-            async with place.receiving(), contextlib.aclosing(blocks(request)) as body:
-                async for block in body:
-                    await run_in_threadpool(receiver.write, block)
-            staged = receiver.finish()
-            require_digest(staged.digest, digest)
-            async with app.inspection_turns.turn(caller):
-                image, created = await run_in_threadpool(app.images.store, caller, scene_id, staged, metadata)
-    _count(metrics, image, created=created)
+    size = declared_bytes(request)
+    with app.upload_places.place(caller, request.state.pace, size) as place:
+        async with contextlib.aclosing(blocks(request)) as body:
+            if size is None:
+                image, created = await _received_unsized(app, caller, scene_id, digest, metadata, body, place)
+                _count(metrics, image, created=created)
+            else:
+                upload = Upload(
+                    tenant_id=caller.tenant_id,
+                    scene_id=scene_id,
+                    digest=digest,
+                    size_bytes=size,
+                    metadata=metadata,
+                )
+                reception = Reception(app, metrics, caller, upload)
+                image, created = await reception.receive_rest(body, place)
+            if not created:  # read it all, so that the connection can be reused
+                async with place.receiving():
+                    async for _ in body:
+                        pass
     return image, created
+
+
+async def _received_unsized(
+    app: Application,
+    caller: Principal,
+    scene_id: str,
+    digest: str,
+    metadata: ImageMetadata,
+    body: AsyncIterator[bytes],
+    place: UploadPlace,
+) -> tuple[Image, bool]:
+    """Receive a body without a declared size; nothing of it is kept when it breaks off."""
+    known = await run_in_threadpool(app.images.known, caller, scene_id, digest, metadata)
+    if known is not None:
+        return known, False
+    with app.uploads.receive() as receiver:
+        async with place.receiving():
+            async for block in body:
+                await to_its_end(run_in_threadpool(receiver.write, block))
+        staged = receiver.finish()
+        require_digest(staged.digest, digest)
+        async with app.inspection_turns.turn(caller):
+            return await to_its_end(run_in_threadpool(app.images.store, caller, scene_id, staged, metadata))
 
 
 async def _next(files: AsyncIterator[UploadedFile], place: UploadPlace) -> UploadedFile | None:
@@ -254,7 +284,7 @@ def _named(filename: str) -> ImageMetadata:
     name = filename.replace("\\", "/").rpartition("/")[2]
     try:
         return ImageMetadata(name=name)
-    except ValidationError:
+    except InvalidInput:
         return ImageMetadata()
 
 

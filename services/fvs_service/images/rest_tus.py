@@ -12,6 +12,7 @@ from starlette.datastructures import Headers, MutableHeaders
 from starlette.types import ASGIApp, Message, Receive, Scope, Send
 
 from fvs_schema.images import ImageMetadata
+from fvs_schema.mistakes import InvalidInput
 from fvs_service.errors import (
     MalformedRequestError,
     ProtocolVersionError,
@@ -189,7 +190,7 @@ def _name(filename: str) -> str | None:
     """The name of a file if it can be that of an image: an invalid one must not fail an upload."""
     try:
         return ImageMetadata(name=filename).name
-    except ValidationError:
+    except InvalidInput:
         return None
 
 

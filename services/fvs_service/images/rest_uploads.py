@@ -11,13 +11,13 @@ from fastapi import Depends, Path, Request, Response
 
 from fvs_service.application import Application
 from fvs_service.errors import ConflictError, InvalidRequestError, NotFoundError
-from fvs_service.gateway.rest.bodies import declared_bytes, has_body
+from fvs_service.gateway.rest.bodies import blocks, declared_bytes, has_body
 from fvs_service.gateway.rest.dependencies import App, Caller, Counters, application_of
-from fvs_service.gateway.rest.reception import Reception
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.images import rest_tus as tus
-from fvs_service.images.resumable_uploads import ResumableUpload, beyond_end, unknown_upload
-from fvs_service.images.staging import too_large
+from fvs_service.images.reception import Reception
+from fvs_service.images.upload_files import beyond_end
+from fvs_service.images.uploads import Upload, unknown_upload
 from fvs_service.principal import Principal, Scope
 
 router = json_router(tus.PATH, "uploads")
@@ -63,15 +63,15 @@ _OF_VERSION: dict[str, Any] = {"parameters": [_VERSION]}
 async def _upload(
     request: Request,
     caller: Caller,
-    upload_id: Annotated[str, Path(description="The upload's id.", max_length=64, examples=["upl_…"])],
-) -> ResumableUpload:
+    upload_id: Annotated[str, Path(description="The upload's id.", max_length=160, examples=["upl_…"])],
+) -> Upload:
     """The upload of the path, to whose scene the caller may upload."""
     app = application_of(request)
 
-    def found() -> ResumableUpload:
+    def found() -> Upload:
         tus.require_version(request.headers)  # whatever the upload is
         caller.require(Scope.UPLOAD, caller.scene_id)
-        upload = app.resumable_uploads.find(caller.tenant_id, upload_id)
+        upload = app.uploads.find(caller.tenant_id, upload_id)
         try:
             app.scenes.require(caller, Scope.UPLOAD, upload.scene_id)
         except NotFoundError:  # unknown and foreign ids answer alike
@@ -81,7 +81,7 @@ async def _upload(
     return await run_sync(found)
 
 
-_Upload = Annotated[ResumableUpload, Depends(_upload)]
+_Upload = Annotated[Upload, Depends(_upload)]
 
 
 @router.options("", status_code=204, response_class=Response)
@@ -113,7 +113,7 @@ async def create_upload(
     reception = Reception(app, metrics, caller, upload)
     offset = await reception.offset()
     if offset == 0 and has_body(request.headers):
-        offset = await reception.receive(request, 0, checksum)
+        offset = await _received(app, caller, request, reception, upload, 0, checksum)
     headers = await run_sync(_headers, app, upload, offset)
     return Response(
         status_code=HTTPStatus.CREATED, headers={"Location": f"{tus.PATH}/{upload.id}", **headers}
@@ -157,7 +157,8 @@ async def append_to_upload(
     tus.require_upload_type(request.headers)
     offset = tus.number(request.headers, "Upload-Offset")
     checksum = tus.declared_checksum(request.headers)
-    offset = await Reception(app, metrics, caller, upload).receive(request, offset, checksum)
+    reception = Reception(app, metrics, caller, upload)
+    offset = await _received(app, caller, request, reception, upload, offset, checksum)
     headers = await run_sync(_headers, app, upload, offset)
     return Response(status_code=HTTPStatus.NO_CONTENT, headers=headers)
 
@@ -166,28 +167,45 @@ async def append_to_upload(
 async def delete_upload(app: App, upload: _Upload) -> None:
     """Delete an upload and its bytes; an image that is stored already stays."""
     async with app.upload_locks.locked(upload.id, by_force=True):
-        await run_sync(app.resumable_uploads.remove, upload)
+        await run_sync(app.uploads.remove, upload)
 
 
-def _created(app: Application, caller: Principal, request: Request) -> ResumableUpload:
+async def _received(
+    app: Application,
+    caller: Principal,
+    request: Request,
+    reception: Reception,
+    upload: Upload,
+    offset: int,
+    checksum: tus.Checksum | None,
+) -> int:
+    """Receive the body, which begins at ``offset``; returns the next offset."""
+    _require_within(request, offset, upload.size_bytes)
+    with app.upload_places.place(caller, request.state.pace, declared_bytes(request)) as place:
+        return await reception.receive_part(blocks(request), place, offset, checksum)
+
+
+def _require_within(request: Request, offset: int, size_bytes: int) -> None:
+    if offset + (declared_bytes(request) or 0) > size_bytes:
+        raise beyond_end(size_bytes)
+
+
+def _created(app: Application, caller: Principal, request: Request) -> Upload:
     """The new upload that a request describes, on disk."""
     caller.require(Scope.UPLOAD, caller.scene_id)
     headers = request.headers
     size_bytes, metadata = tus.declared_length(headers), tus.declared_metadata(headers)
     app.scenes.require(caller, Scope.UPLOAD, metadata.scene_id)
-    if size_bytes > app.staging.max_bytes:
-        raise too_large(app.staging.max_bytes)
     if has_body(headers):
         tus.require_upload_type(headers)
-        if (declared_bytes(request) or 0) > size_bytes:
-            raise beyond_end(size_bytes)
+        _require_within(request, 0, size_bytes)
     known = app.images.known(caller, metadata.scene_id, metadata.digest, metadata.of_image)
     if known is not None and known.size_bytes != size_bytes:
         raise InvalidRequestError(
             f"The scene has this image, and it has {known.size_bytes} bytes, not {size_bytes}.",
             hint="Send the size and the SHA-256 of the same file.",
         )
-    upload = ResumableUpload(
+    upload = Upload(
         tenant_id=caller.tenant_id,
         scene_id=metadata.scene_id,
         digest=metadata.digest,
@@ -196,17 +214,16 @@ def _created(app: Application, caller: Principal, request: Request) -> Resumable
         declared=headers.get("upload-metadata", ""),
     )
     if known is None:
-        arrived = app.resumable_uploads.arrived_bytes(upload) or 0
-        app.staging.expect(lambda: size_bytes - arrived)()  # refuses what has no room before it is sent
-    app.resumable_uploads.create(upload, finished=known is not None)
+        app.uploads.require_room(upload)  # before a byte is sent
+    app.uploads.create(upload, finished=known is not None)
     return upload
 
 
-def _headers(app: Application, upload: ResumableUpload, offset: int) -> dict[str, str]:
+def _headers(app: Application, upload: Upload, offset: int) -> dict[str, str]:
     """The headers of every response that tells how far an upload has come."""
     headers = {
         "Upload-Offset": str(offset),
-        "Upload-Expires": _http_date(app.resumable_uploads.expires_at(upload)),
+        "Upload-Expires": _http_date(app.uploads.expires_at(upload)),
     }
     if offset == upload.size_bytes:
         headers["Content-Location"] = f"/v1/scenes/{upload.scene_id}/images/{upload.digest}"

@@ -13,8 +13,8 @@ from fvs_service.gateway.rpc.calls import Call
 from fvs_service.gateway.rpc.conversion import read
 from fvs_service.gateway.rpc.downloads import download
 from fvs_service.gateway.rpc.requests import digest_of, page_of
-from fvs_service.images.partial_uploads import Upload
 from fvs_service.images.rpc_uploads import ImageUpload
+from fvs_service.images.uploads import PartialUpload
 from fvs_service.principal import Principal, Scope
 
 
@@ -38,11 +38,10 @@ class ImageServicer:
         """Receive an image, from its first byte or from where an upload broke off."""
         return await ImageUpload(self._app, call.gateway.metrics, caller, receive, call.name).run()
 
-    def get_upload(self, caller: Principal, request: pb.GetUploadRequest) -> Upload:
+    def get_upload(self, caller: Principal, request: pb.GetUploadRequest) -> PartialUpload:
         """Return how far an upload that broke off has come."""
         self._app.scenes.require(caller, Scope.UPLOAD, request.scene_id)
-        uploads = self._app.partial_uploads
-        return uploads.find(caller.tenant_id, request.scene_id, digest_of(request))
+        return self._app.uploads.find_part(caller.tenant_id, request.scene_id, digest_of(request))
 
     def list_images(self, caller: Principal, request: pb.ListImagesRequest) -> ImageList:
         """List the images of a scene."""

@@ -1,6 +1,6 @@
 """The operations on images.
 
-An upload is staged first (``staging``): all of its bytes are on disk, and their digest is known. ``store``
+An upload arrives first (``uploads``): all of its bytes are on disk, and their digest is known. ``store``
 then inspects them and commits the image, the bytes before the row: a crash in between loses no image that was
 acknowledged, and an image that is sent again is stored once. Bytes whose row never came are removed later.
 """
@@ -32,7 +32,7 @@ from fvs_service.images import repository
 from fvs_service.images.files import blob_key
 from fvs_service.images.inspection import Inspection
 from fvs_service.images.inspector import Inspector
-from fvs_service.images.staging import StagedFile
+from fvs_service.images.upload_files import StagedFile
 from fvs_service.jobs.service import Jobs
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.repository import scene_of, set_origin

@@ -1,4 +1,4 @@
-"""Locks of resumable uploads: one request at a time writes to an upload.
+"""Locks of uploads: one request at a time writes to an upload.
 
 A device whose link broke comes back while the service still waits for the rest of its last request: that one
 gives way once nothing of it arrives.
@@ -31,18 +31,23 @@ class UploadLocks:
 
     @contextlib.asynccontextmanager
     async def locked(
-        self, upload_id: str, place: UploadPlace | None = None, *, by_force: bool = False
+        self,
+        upload_id: str,
+        place: UploadPlace | None = None,
+        *,
+        waits: bool = False,
+        by_force: bool = False,
     ) -> AsyncIterator[None]:
         """Hold the lock of an upload; ``place`` is that of a request which receives bytes of it.
 
-        For a request that receives bytes, too, raises ``LockedError`` while another does. Otherwise waits
-        for it, or with ``by_force`` ends it.
+        For a request that receives bytes, too, raises ``LockedError`` while another does, unless it
+        ``waits``. Other requests wait for that one, or with ``by_force`` end it.
         """
         while (other := self._locks.get(upload_id)) is not None:
             if other.place is not None and other.place.arriving:
                 if by_force or other.place.arrival.idle_s >= _STALLED_S:
                     other.place.take(LockedError("Another request has taken this upload over."))
-                elif place is not None:
+                elif place is not None and not waits:
                     raise LockedError("Another request is sending this upload.", retry_after_s=1)
             with contextlib.suppress(TimeoutError):
                 await asyncio.wait_for(other.released.wait(), _LOOK_AGAIN_S)

@@ -26,7 +26,6 @@ from fvs_service.gateway.rest.refusal_guard import RefusalGuard
 from fvs_service.gateway.rest.routing import JsonRoute
 from fvs_service.images import rest as images
 from fvs_service.images import rest_uploads as uploads
-from fvs_service.images.expiry import prune_regularly
 from fvs_service.images.rest_tus import TusProtocol
 from fvs_service.jobs import rest as jobs
 from fvs_service.jobs.fleet_metrics import FleetCollector
@@ -80,8 +79,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
     async def lifespan(app: FastAPI) -> AsyncIterator[None]:
         anyio.to_thread.current_default_thread_limiter().total_tokens = _THREADS
         with open_application(settings, make_runners, tracing) as application:
-            application.partial_uploads.recover(application.staging.folder)
-            application.staging.clear()
+            application.uploads.clear()
             feed = EventFeed(
                 application.storage.database,
                 application.storage.keys,
@@ -107,9 +105,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
                 *delivering,
                 feed.watch(),
                 loop_lag.watch(),
-                prune_regularly(
-                    settings.sweep_s, application.partial_uploads.prune, application.resumable_uploads.prune
-                ),
+                application.uploads.prune_regularly(settings.sweep_s),
             )
             subscription = application.storage.database.subscribe(
                 {Topic.EVENTS: lambda: [notify() for notify in notified]}

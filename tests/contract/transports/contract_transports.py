@@ -16,7 +16,7 @@ from fvs.v1 import images_pb2
 from fvs_service.errors import ServiceError
 from fvs_service.gateway.rest.bodies import parse as parse_body
 from fvs_service.gateway.rpc.conversion import arguments
-from fvs_service.images.staging import require_digest
+from fvs_service.images.upload_files import require_digest
 from google.protobuf.message_factory import GetMessageClass
 
 from fvs_schema.images import ImageMetadata
@@ -58,7 +58,7 @@ class Direct:
             known = app.images.known(who, scene_id, digest, ImageMetadata(**metadata))
             if known is not None:
                 return known
-            with app.staging.receive(len(content)) as receiver:
+            with app.uploads.receive() as receiver:
                 receiver.write(content)
                 staged = receiver.finish()
                 require_digest(staged.digest, digest)

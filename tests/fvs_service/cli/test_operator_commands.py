@@ -130,8 +130,8 @@ def test_a_damaged_database_is_a_message(words: tuple[str, ...], root: Path) -> 
 
 def test_the_doctor_examines_what_needs_no_database(root: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     settings = Settings(root=root)
-    settings.staging.mkdir()
-    (settings.staging / "upload").touch()
+    settings.uploads.mkdir()
+    (settings.uploads / "1.part").touch()
     monkeypatch.setenv("FVS_DATABASE_URL", "postgresql://fvs:hidden@127.0.0.1:1/fvs")
     monkeypatch.setenv("FVS_RESERVE_BYTES", "1000000000000000")
     found = _fvs("doctor", "--root", str(root), "--grace", "0")

@@ -82,7 +82,7 @@ def test_every_orphan_is_found_and_repaired(gateway: Any) -> None:
         storage.blobs.put(b"nobody's", key)
     (gateway.settings.root / "blobs" / ".0.partial").write_bytes(b"half")
     (gateway.settings.scenes / "scn_none").mkdir()
-    (gateway.settings.staging / "1.upload").write_bytes(b"half")
+    (gateway.settings.uploads / "1.part").write_bytes(b"half")
     with storage.database.writing() as session:
         session.execute(update(JobRow).where(JobRow.state == "queued").values(worker_id="worker-9"))
     deleted = gateway.scene()

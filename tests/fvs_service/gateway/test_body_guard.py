@@ -2,6 +2,7 @@
 
 import contextlib
 import hashlib
+import secrets
 import select
 import socket
 import threading
@@ -18,7 +19,7 @@ _UNKNOWN = hashlib.sha256(b"never").hexdigest()
 def _upload(server: Any, scene: str, key: str = "") -> Iterator[socket.socket]:
     """A connection that has sent the head of an upload."""
     url = server.client.base_url
-    head = f"PUT /v1/scenes/{scene}/images/sha256:{_UNKNOWN} HTTP/1.1\r\nHost: localhost\r\n"
+    head = f"PUT /v1/scenes/{scene}/images/sha256:{secrets.token_hex(32)} HTTP/1.1\r\nHost: localhost\r\n"
     head += f"Authorization: {key}\r\n" if key else ""
     with socket.create_connection((url.host, url.port)) as connection:
         connection.settimeout(20)
@@ -35,7 +36,7 @@ def _drip(connection: socket.socket, every_s: float, stop: threading.Event) -> N
 def _until_staged(server: Any, uploads: int) -> None:
     """Wait until so many uploads have places."""
     deadline = time.monotonic() + 20
-    while len(list(server.settings.staging.iterdir())) < uploads:
+    while len(list(server.settings.uploads.rglob("*.part"))) < uploads:
         assert time.monotonic() < deadline
         time.sleep(0.01)
 

@@ -137,8 +137,8 @@ class Upload:
         return asyncio.create_task(upload_over_grpc(self._gateway, receive))
 
     def arrived_bytes(self) -> int:
-        kept = self._gateway.application.partial_uploads
-        return int(kept.find(LOCAL_USER.tenant_id, self._scene, self.digest).offset_bytes)
+        kept = self._gateway.application.uploads
+        return int(kept.find_part(LOCAL_USER.tenant_id, self._scene, self.digest).offset_bytes)
 
     def image(self) -> Any:
         return self._gateway.application.images.get(LOCAL_USER, self._scene, self.digest)

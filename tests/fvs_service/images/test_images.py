@@ -2,7 +2,6 @@ import base64
 import hashlib
 import io
 import json
-import os
 import shutil
 import socket
 import struct
@@ -38,7 +37,7 @@ def test_an_image_is_stored_once_and_judged(gateway: Any, photograph: Photograph
     assert gateway.client.get(f"/v1/scenes/{scene}").json()["image_counts"]["accepted"] == 1
     folder = gateway.settings.root / "blobs" / "scenes" / scene / "images"
     assert [file.read_bytes() for file in folder.iterdir()] == [content]
-    assert list(gateway.settings.staging.iterdir()) == []
+    assert list(gateway.settings.uploads.rglob("*.part")) == []
 
 
 def test_what_is_known_need_not_be_sent(gateway: Any, photograph: Photograph) -> None:
@@ -219,7 +218,7 @@ def test_bodies_larger_than_the_limit_are_refused(open_gateway: Any, photograph:
     for answer in (declared, undeclared, form, document):
         assert answer.status_code == 413, answer.text
         assert answer.json()["code"] == "payload-too-large"
-    assert list(gateway.settings.staging.iterdir()) == []
+    assert list(gateway.settings.uploads.rglob("*.part")) == []
 
 
 def test_a_full_disk_takes_no_bytes_and_loses_none(
@@ -243,20 +242,20 @@ def test_a_disk_that_fills_while_bytes_arrive(
 ) -> None:
     import errno
 
-    from fvs_service.images.staging import Receiver
+    from fvs_service.images.upload_files import Writer
 
     scene, content = gateway.scene(), photograph()
 
-    def write(_receiver: Receiver, _chunk: bytes) -> None:
+    def write(_writer: Writer, _content: bytes) -> None:
         from fvs_service.storage.blobs import full_disk_as_error
 
         with full_disk_as_error():
             raise OSError(errno.ENOSPC, "No space left on device")
 
     with monkeypatch.context() as patch:
-        patch.setattr(Receiver, "write", write)
+        patch.setattr(Writer, "write", write)
         assert gateway.put(scene, content).status_code == 507
-    assert list(gateway.settings.staging.iterdir()) == []
+    assert list(gateway.settings.uploads.rglob("*.part")) == []
 
 
 def test_a_client_that_stops_sending_is_let_go(serve: Any) -> None:
@@ -271,7 +270,8 @@ def test_a_client_that_stops_sending_is_let_go(serve: Any) -> None:
         answer = connection.recv(4096)
     assert b" 408 " in answer.split(b"\r\n")[0]
     assert time.monotonic() - began < 5
-    assert list(server.settings.staging.iterdir()) == []
+    (part,) = server.settings.uploads.rglob("*.part")
+    assert part.read_bytes() == b"only this", "it can be continued"
 
 
 def test_a_broken_form_keeps_what_has_arrived(gateway: Any, photograph: Photograph) -> None:
@@ -329,18 +329,3 @@ def test_what_the_engine_says_is_told_with_the_names_of_the_senders(
     crash = Finding.of(FindingCode.QUARANTINED, [second], stage="match", how="no /srv/scenes/x.jpg")
     assert "IMG 1.jpg is quarantined" in notice_of(crash, images).message
     assert "/srv" not in notice_of(crash, images).model_dump_json()
-
-
-def test_an_upload_that_nobody_resumes_is_deleted(open_gateway: Any) -> None:
-    gateway = open_gateway(partial_upload_s=1000, sweep_s=0.05)
-    folder = gateway.settings.partial_uploads
-    folder.mkdir(parents=True, exist_ok=True)
-    expired, fresh = folder / "expired.part", folder / "fresh.part"
-    for file in (fresh, expired):
-        file.write_bytes(b"x")
-    os.utime(expired, (time.time() - 2000,) * 2)
-    deadline = time.monotonic() + 20
-    while expired.exists():
-        assert time.monotonic() < deadline
-        time.sleep(0.02)
-    assert fresh.exists()

@@ -56,8 +56,7 @@ def _patch(
 
 def _files(gateway: Any) -> list[str]:
     """Everything on disk that uploads have left."""
-    folders = (gateway.settings.resumable_uploads, gateway.settings.staging, gateway.settings.partial_uploads)
-    return sorted(file.name for folder in folders for file in folder.rglob("*") if file.is_file())
+    return sorted(file.name for file in gateway.settings.uploads.rglob("*") if file.is_file())
 
 
 def _connect(gateway: Any) -> socket.socket:
@@ -265,11 +264,11 @@ def test_a_clock_that_was_set_back_holds_up_nobody_for_longer_than_usual(
     gateway = serve(limits={"partial_uploads_per_tenant": 1}, upload_place_s=100, partial_upload_s=1000)
     scene = gateway.scene()
     _create(gateway, scene, photograph(1))
-    for file in gateway.settings.resumable_uploads.rglob("*"):
+    for file in gateway.settings.uploads.rglob("*"):
         os.utime(file, (time.time() + 86_400,) * 2)
     refused = gateway.client.post("/v1/uploads", headers=_creation(scene, photograph(2)))
     assert refused.status_code == 201, refused.text
-    for file in gateway.settings.resumable_uploads.rglob("*"):
+    for file in gateway.settings.uploads.rglob("*"):
         os.utime(file, (time.time() + 60,) * 2)
     refused = gateway.client.post("/v1/uploads", headers=_creation(scene, photograph(3)))
     assert (refused.status_code, refused.headers["retry-after"]) == (429, "100")

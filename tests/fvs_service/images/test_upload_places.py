@@ -5,7 +5,6 @@ import contextlib
 import hashlib
 import threading
 from collections.abc import AsyncIterator
-from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,14 +14,34 @@ import pytest
 from fvs.v1.images_pb2 import UploadImageRequest
 from fvs_service.errors import LimitExceededError, NotFoundError, OutOfSpaceError, SlowRequestError
 from fvs_service.gateway.rest.multipart import receive_files
-from fvs_service.images.staging import Receiver, StagingArea
+from fvs_service.images.upload_files import Writer
 from fvs_service.images.upload_places import UploadPlace, UploadPlaces
+from fvs_service.images.uploads import Upload, Uploads
 from fvs_service.principal import ALL_SCOPES, LOCAL_USER, Principal
 from fvs_service.storage import blobs
 from grpc_uploads import upload_over_grpc
 from starlette.requests import Request
 
+from fvs_schema.images import ImageMetadata
+
 _LONG_S = 1000.0
+
+
+def _uploads(
+    folder: Path, monkeypatch: pytest.MonkeyPatch, *, free: int = 10_000, max_bytes: int = 1_000
+) -> Uploads:
+    monkeypatch.setattr(blobs, "free_bytes", lambda _: free)
+    return Uploads(folder, keep_s=60, per_tenant=9, spared_s=60, reserve_bytes=0, max_bytes=max_bytes)
+
+
+def _upload(size_bytes: int, digit: str = "1") -> Upload:
+    return Upload(
+        tenant_id="tenant",
+        scene_id="scn_1",
+        digest=f"sha256:{digit * 64}",
+        size_bytes=size_bytes,
+        metadata=ImageMetadata(),
+    )
 
 
 @dataclass
@@ -165,7 +184,7 @@ def test_what_arrived_over_grpc_of_an_upload_that_gives_way_is_kept(open_gateway
             await upload
 
     asyncio.run(run())
-    assert app.partial_uploads.find(LOCAL_USER.tenant_id, scene, digest).offset_bytes == 500
+    assert app.uploads.find_part(LOCAL_USER.tenant_id, scene, digest).offset_bytes == 500
 
 
 def test_an_image_that_the_scene_has_needs_a_place_too(open_gateway: Any, photograph: Any) -> None:
@@ -198,12 +217,12 @@ def test_an_upload_over_grpc_that_is_cut_while_its_file_is_opened_leaves_none(
 ) -> None:
     gateway = open_gateway()
     app, scene, digest = gateway.application, gateway.scene(), f"sha256:{'1' * 64}"
-    began, may_end, receive_file = threading.Event(), threading.Event(), app.staging.receive
+    began, may_end, open_writer = threading.Event(), threading.Event(), app.uploads.writer
 
     def slow(*arguments: Any, **options: Any) -> Any:
         began.set()
         assert may_end.wait(30)
-        return receive_file(*arguments, **options)
+        return open_writer(*arguments, **options)
 
     async def receive() -> bytes:
         upload = {"scene_id": scene, "digest": digest, "size_bytes": 900}
@@ -219,16 +238,16 @@ def test_an_upload_over_grpc_that_is_cut_while_its_file_is_opened_leaves_none(
         with pytest.raises(asyncio.CancelledError):
             await upload
 
-    monkeypatch.setattr(app.staging, "receive", slow)
+    monkeypatch.setattr(app.uploads, "writer", slow)
     asyncio.run(run())
-    assert not list(gateway.settings.staging.iterdir())
+    assert not list(gateway.settings.uploads.rglob("*.part"))
 
 
 def test_a_form_that_gives_way_while_its_file_is_opened_leaves_none(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    staging = StagingArea(tmp_path / "staging", reserve_bytes=0, max_bytes=1_000)
-    began, may_end, receive_file = threading.Event(), threading.Event(), staging.receive
+    uploads = _uploads(tmp_path, monkeypatch)
+    began, may_end, receive_file = threading.Event(), threading.Event(), uploads.receive
     head = b'--b\r\nContent-Disposition: form-data; name="file"; filename="a.jpg"\r\n\r\n'
 
     def slow(*arguments: Any) -> Any:
@@ -242,7 +261,7 @@ def test_a_form_that_gives_way_while_its_file_is_opened_leaves_none(
     async def run() -> None:
         headers = [(b"content-type", b"multipart/form-data; boundary=b")]
         form = Request({"type": "http", "method": "POST", "headers": headers}, receive)
-        files = receive_files(form, staging, 10, anyio.CapacityLimiter(1))
+        files = receive_files(form, uploads, 10, anyio.CapacityLimiter(1))
         reading = asyncio.ensure_future(anext(files, None))
         while not began.is_set():
             await asyncio.sleep(0.01)
@@ -252,37 +271,47 @@ def test_a_form_that_gives_way_while_its_file_is_opened_leaves_none(
         with pytest.raises(asyncio.CancelledError):
             await reading
 
-    monkeypatch.setattr(staging, "receive", slow)
+    monkeypatch.setattr(uploads, "receive", slow)
     asyncio.run(run())
-    assert not list((tmp_path / "staging").iterdir())
+    assert not list(tmp_path.rglob("*.part"))
 
 
 def test_open_uploads_have_the_room_that_they_may_need(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    free = 1_000
-    monkeypatch.setattr(blobs, "free_bytes", lambda _: free)
-    staging = StagingArea(tmp_path / "staging", reserve_bytes=400, max_bytes=500)
-    with staging.receive(300) as first:
+    uploads = _uploads(tmp_path, monkeypatch, free=600, max_bytes=500)
+    with uploads.writer(_upload(300), 0, begin=True) as first:
         first.write(b"x" * 100)
-        free -= 100
-        with pytest.raises(OutOfSpaceError):
-            staging.receive(301)
-        with staging.receive(350, arrived_bytes=50) as second:
-            assert second.awaited_bytes == 350
-            first.write(b"x" * 200)
-            free -= 200
-            first.finish()
+        monkeypatch.setattr(blobs, "free_bytes", lambda _: 500)
+        with pytest.raises(OutOfSpaceError), uploads.writer(_upload(301), 0, begin=True):
+            pass
+        with uploads.writer(_upload(300, digit="2"), 0, begin=True) as second:
+            assert second.awaited_bytes == 300
             with pytest.raises(OutOfSpaceError):
-                staging.receive(1)
+                uploads.require_room(_upload(1))
         with pytest.raises(OutOfSpaceError):
-            staging.receive(None)
-    free = 900
-    with staging.receive(None):
+            uploads.receive()
+    with uploads.receive() as receiver:
+        receiver.write(b"x" * 100)
+        with pytest.raises(OutOfSpaceError, match=r"0 MB must stay free. Other uploads need 0 MB of it"):
+            uploads.receive()
+        receiver.finish()
+        with uploads.receive():
+            pass
+    assert [part.stat().st_size for part in tmp_path.rglob("*.part")] == [100], "only what arrived is kept"
+
+
+def test_a_request_that_cannot_begin_gives_its_room_back(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    uploads = _uploads(tmp_path, monkeypatch, free=500, max_bytes=500)
+    with pytest.raises(NotFoundError), uploads.writer(_upload(500), 0):
+        pass
+    with uploads.receive():
         pass
 
 
-def test_an_upload_that_fills_the_disk_is_not_kept(
+def test_what_has_arrived_stays_when_the_disk_is_full(
     open_gateway: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     gateway = open_gateway()
@@ -294,56 +323,17 @@ def test_an_upload_that_fills_the_disk_is_not_kept(
             UploadImageRequest(chunk=b"x" * 400),
         )
     )
-    write = Receiver.write
+    write = Writer.write
 
-    def full(receiver: Receiver, chunk: bytes) -> None:
-        if receiver.size_bytes:
+    def full(writer: Writer, chunk: bytes) -> None:
+        if writer.offset:
             raise OutOfSpaceError("The disk is full.")
-        write(receiver, chunk)
+        write(writer, chunk)
 
     async def receive() -> bytes:
         return next(sent).SerializeToString()
 
-    monkeypatch.setattr(Receiver, "write", full)
+    monkeypatch.setattr(Writer, "write", full)
     with pytest.raises(OutOfSpaceError):
         asyncio.run(upload_over_grpc(gateway, receive))
-    with pytest.raises(NotFoundError):
-        app.partial_uploads.find(LOCAL_USER.tenant_id, scene, digest)
-
-
-def test_a_resumed_upload_is_read_again_without_holding_up_others(tmp_path: Path) -> None:
-    staging = StagingArea(tmp_path / "staging", reserve_bytes=0, max_bytes=1_000)
-    reads, may_go_on = threading.Event(), threading.Event()
-
-    def begin(path: Path) -> None:
-        path.write_bytes(b"x" * 100)
-        reads.set()
-        assert may_go_on.wait(30)
-
-    with ThreadPoolExecutor(1) as pool:
-        resumed = pool.submit(staging.receive, 900, begin, "", 100)
-        assert reads.wait(30)
-        with staging.receive(50):
-            pass
-        may_go_on.set()
-        with resumed.result() as receiver:
-            assert (receiver.size_bytes, receiver.awaited_bytes) == (100, 800)
-    assert not list((tmp_path / "staging").iterdir())
-
-
-def test_an_upload_that_cannot_begin_gives_its_room_back(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    monkeypatch.setattr(blobs, "free_bytes", lambda _: 1_000)
-    staging = StagingArea(tmp_path / "staging", reserve_bytes=0, max_bytes=1_000)
-
-    def gone(_path: Path) -> None:
-        raise NotFoundError("There is no such upload.")
-
-    with pytest.raises(NotFoundError):
-        staging.receive(900, gone)
-    with (
-        staging.receive(900),
-        pytest.raises(OutOfSpaceError, match=r"0 MB must stay free. Other uploads need 0 MB of it"),
-    ):
-        staging.receive(900)
+    assert app.uploads.find_part(LOCAL_USER.tenant_id, scene, digest).offset_bytes == 500

@@ -10,7 +10,7 @@ from fvs_service.errors import InvalidRequestError, UnsupportedMediaTypeError
 from fvs_service.gateway.rest.problems import problem_response
 from fvs_service.gateway.upload_pace import UploadPace
 from fvs_service.images.rest_tus import is_upload
-from fvs_service.images.staging import too_large
+from fvs_service.images.upload_files import too_large
 from fvs_service.settings import Settings
 from fvs_service.telemetry import Metrics
 

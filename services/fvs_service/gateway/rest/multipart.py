@@ -15,7 +15,8 @@ from starlette.requests import Request
 
 from fvs_service.errors import InvalidRequestError, MalformedRequestError, UnsupportedMediaTypeError
 from fvs_service.gateway.rest.bodies import blocks
-from fvs_service.images.staging import Receiver, StagedFile, StagingArea
+from fvs_service.images.upload_files import Receiver, StagedFile
+from fvs_service.images.uploads import Uploads
 from fvs_service.uninterrupted import to_its_end
 
 _MAX_HEADER_BYTES = 8_192
@@ -32,7 +33,7 @@ class UploadedFile:
 
 
 async def receive_files(
-    request: Request, staging: StagingArea, max_files: int, parsing: anyio.CapacityLimiter
+    request: Request, uploads: Uploads, max_files: int, parsing: anyio.CapacityLimiter
 ) -> AsyncIterator[UploadedFile]:
     """The files of a form; each is deleted before the next one, unless it was moved into the blobs.
 
@@ -47,7 +48,7 @@ async def receive_files(
         raise UnsupportedMediaTypeError(
             "The body is not multipart/form-data.", hint="Send a form, as in curl -F file=@photograph.jpg."
         )
-    parts = _Parts(staging, max_files)
+    parts = _Parts(uploads, max_files)
     try:
         parser = MultipartParser(options[b"boundary"], parts.callbacks())  # type: ignore[arg-type]
         async with contextlib.aclosing(blocks(request)) as body:
@@ -73,8 +74,8 @@ async def receive_files(
 class _Parts:
     """The state of the form between chunks."""
 
-    def __init__(self, staging: StagingArea, max_files: int) -> None:
-        self._staging, self._max_files = staging, max_files
+    def __init__(self, uploads: Uploads, max_files: int) -> None:
+        self._uploads, self._max_files = uploads, max_files
         self._field, self._value, self._headers = b"", b"", 0
         self._disposition: bytes | None = None
         self._name = ""
@@ -135,7 +136,7 @@ class _Parts:
                 f"The form has more than {self._max_files} files.", hint="Send them in several requests."
             )
         self._name = options[b"filename"].decode("utf-8", errors="replace")
-        self._receiver = self._staging.receive(None)
+        self._receiver = self._uploads.receive()
 
     def _data(self, data: bytes, start: int, end: int) -> None:
         if self._receiver is not None:

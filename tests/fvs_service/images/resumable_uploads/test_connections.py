@@ -9,7 +9,7 @@ from typing import Any
 
 import pytest
 from fvs_service.gateway.rest.bodies import blocks
-from fvs_service.images.resumable_uploads import UploadWriter
+from fvs_service.images.upload_files import Writer
 from fvs_service.images.upload_locks import UploadLocks
 from starlette.requests import Request
 from tus_device import Device, bytes_on_disk, send_raw, wait_until
@@ -30,14 +30,14 @@ def test_what_arrived_before_a_connection_broke_is_kept(gateway: Any, size: int)
 def test_what_arrived_while_earlier_bytes_were_written_is_kept(
     gateway: Any, device: Device, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    write, writing, may_end = UploadWriter.write, threading.Event(), threading.Event()
+    write, writing, may_end = Writer.write, threading.Event(), threading.Event()
 
-    def slow(writer: UploadWriter, content: bytes) -> None:
+    def slow(writer: Writer, content: bytes) -> None:
         writing.set()
         assert may_end.wait(30)
         write(writer, content)
 
-    monkeypatch.setattr(UploadWriter, "write", slow)
+    monkeypatch.setattr(Writer, "write", slow)
     device.create()
     with send_raw(gateway, device, device.content[:300], length=len(device.content)) as connection:
         assert writing.wait(30)
@@ -122,13 +122,13 @@ def test_a_deletion_ends_the_request_that_sends(gateway: Any, device: Device) ->
 def test_an_upload_whose_image_is_not_stored_yet_is_not_finished(gateway: Any, device: Device) -> None:
     """As after a gateway that was killed between the last byte and the image."""
     device.create(device.content[:100])
-    (part,) = gateway.settings.resumable_uploads.rglob("*.part")
+    (part,) = gateway.settings.uploads.rglob("*.part")
     part.write_bytes(device.content)
     assert device.offset == len(device.content)
     assert device.image()["verdict"] == "accepted"
     damaged = Device(gateway.client, device.scene, b"x" * 500)
     damaged.create(b"x" * 100)
-    (part,) = gateway.settings.resumable_uploads.rglob("*.part")
+    (part,) = gateway.settings.uploads.rglob("*.part")
     part.write_bytes(b"y" * 500)
     assert damaged.head().status_code == 404
     assert bytes_on_disk(gateway) == 0

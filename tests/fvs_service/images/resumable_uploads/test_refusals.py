@@ -103,7 +103,7 @@ def test_unfinished_uploads_are_limited_and_the_smallest_that_waits_gives_way(
     refused = third.create()
     assert (refused.status_code, refused.json()["code"]) == (429, "limit-exceeded")
     assert 90 <= int(refused.headers["retry-after"]) <= 100
-    for part in gateway.settings.resumable_uploads.rglob("*.part"):
+    for part in gateway.settings.uploads.rglob("*.part"):
         os.utime(part, (time.time() - 101,) * 2)
     assert third.create().status_code == 201
     assert (first.head().status_code, second.head().status_code) == (200, 404)
@@ -117,7 +117,7 @@ def test_an_upload_expires(serve: Any, photograph: Callable[..., bytes]) -> None
     old, fresh = (Device(gateway.client, scene, photograph(seed)) for seed in range(2))
     for one in (old, fresh):
         one.create(one.content[:100])
-    for file in gateway.settings.resumable_uploads.rglob(f"{old.url.rpartition('/')[2]}.*"):
+    for file in gateway.settings.uploads.rglob(f"{old.url.rpartition('/')[2]}.*"):
         os.utime(file, (time.time() - 101,) * 2)
     assert old.head().status_code == 404
     assert old.patch(100).status_code == 404
