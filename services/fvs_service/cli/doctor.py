@@ -12,7 +12,7 @@ from fvs_service.cli.options import RootOption, settings_of
 
 if TYPE_CHECKING:
     from fvs_service.doctor.deployment import Trouble
-    from fvs_service.doctor.finding import Finding
+    from fvs_service.doctor.examination import Finding
 
 _EXIT_FOUND = 13
 

@@ -2,6 +2,9 @@
 
 import contextlib
 import os
+import re
+import secrets
+import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -14,6 +17,7 @@ import structlog
 
 from fvs_engine import child_process
 from fvs_engine.errors import OutputExistsError
+from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.files.lock import locked_folder
 from fvs_engine.files.storage import storage_errors
 from fvs_service.application import Storage, open_storage
@@ -28,7 +32,6 @@ from fvs_service.gateway.addresses import Addresses
 from fvs_service.gateway.certificates import require_certificates
 from fvs_service.gateway.protection import require_protection
 from fvs_service.host.worker.heartbeat import forget_heartbeats
-from fvs_service.serving.identity import machine_name
 from fvs_service.serving.process_order import GATEWAY, WORKER, ProcessOrder
 from fvs_service.serving.process_tree import adopt_orphans, end_descendants, reap_adopted
 from fvs_service.serving.pulse import Pulse
@@ -47,6 +50,8 @@ _QUICK_S = 5.0
 _FIRST_PAUSE_S, _LAST_PAUSE_S = 0.2, 10.0
 _SILENT_S = {GATEWAY: 60.0, WORKER: 180.0}
 """Silence after which a process is killed and restarted; a worker may be waiting for its database."""
+
+_MACHINE_FILE = "machine"
 
 _log = structlog.get_logger()
 
@@ -122,7 +127,7 @@ class Supervisor:
 
     def _start_workers(self) -> None:
         settings = self._settings
-        machine = "worker" if settings.on_one_machine else machine_name(settings.root)
+        machine = "worker" if settings.on_one_machine else _machine_name(settings.root)
         self._workers = [_Child(f"{machine}-{number}", WORKER) for number in range(settings.worker.count)]
         forget_heartbeats(settings.heartbeats)
         for worker in self._workers:
@@ -256,3 +261,19 @@ def _only_service_in(root: Path) -> Iterator[None]:
                 f"Another fvs serve runs on {root}.", hint="Use that one, or choose another --root."
             ) from error
         yield
+
+
+def _machine_name(root: Path) -> str:
+    """The name of this machine among those that share a database: the same after every restart.
+
+    It is stored in ``root``, generated on first use from the host name and a random suffix.
+    Two machines with one name would take each other's leases, hence the suffix. The name stays when the
+    host name changes.
+    """
+    file = root / _MACHINE_FILE
+    try:
+        return file.read_text(encoding="utf-8").strip()
+    except FileNotFoundError:
+        host = re.sub("[^a-z0-9-]", "-", socket.gethostname().partition(".")[0].lower())[:40]
+        write_text_atomically(file, f"{host}-{secrets.token_hex(2)}")
+        return _machine_name(root)
