@@ -196,7 +196,7 @@ def test_the_time_limit_and_the_threads_may_change(room: Dataset, tmp_path: Path
 def test_what_there_is_to_say_of_the_initial_views_is_said_once(room: Dataset, tmp_path: Path) -> None:
     loop = open_loop(tmp_path, room, initial=2)
     (warning,) = loop.begin(Monitor())
-    assert "2 registered views share only" in warning
+    assert (warning.code, warning.numbers["views"]) == (FindingCode.FEW_STARTS, 2)
     assert loop.begin(Monitor()) == ()
 
 
