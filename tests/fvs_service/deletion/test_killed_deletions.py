@@ -26,6 +26,7 @@ from fvs_service.doctor.examination import examine
 from fvs_service.errors import ConflictError, NotFoundError
 from fvs_service.host.worker.sweep import Sweeps
 from fvs_service.ids import new_id
+from fvs_service.images.uploads import Uploads
 from fvs_service.jobs.repository import jobs_of_scene
 from fvs_service.jobs.states import submit
 from fvs_service.principal import LOCAL_USER
@@ -58,7 +59,10 @@ def _settings(root: Path) -> Settings:
 def _make_and_delete(storage: Storage, rng: random.Random) -> None:
     """Change something, for ever."""
     scenes = Scenes(storage.database, storage.settings.limits)
-    deletions = Deletions(storage.database, storage.settings.removal_grace_s)
+    uploads = Uploads(
+        storage.settings.uploads, keep_s=1.0, per_tenant=1, spared_s=1.0, reserve_bytes=0, max_bytes=1
+    )
+    deletions = Deletions(storage.database, uploads, storage.settings.removal_grace_s)
     while True:
         known = scenes.all(LOCAL_USER, Page(limit=100)).items
         with contextlib.suppress(ConflictError, NotFoundError):
