@@ -64,7 +64,7 @@ def _make_and_delete(storage: Storage, rng: random.Random) -> None:
     )
     deletions = Deletions(storage.database, uploads, storage.settings.removal_grace_s)
     while True:
-        known = scenes.all(LOCAL_USER, Page(limit=100)).items
+        known = scenes.all(LOCAL_USER, ScenePage(limit=100)).items
         with contextlib.suppress(ConflictError, NotFoundError):
             if len(known) < _SCENES:
                 scenes.create(LOCAL_USER, SceneRequest(name="a"))
