@@ -71,7 +71,7 @@ def test_an_upload_whose_client_vanishes_resumes_where_it_stopped(
     gone.set()
     wait_until(lambda: any(tenant.gateway.settings.uploads.rglob(f"*{digest_of(content)[7:]}*")))
     assert send(tenant, upload_parts(scene, content, offset=_offset(tenant, scene, content))).created
-    assert not list(tenant.gateway.settings.uploads.rglob("*.part"))
+    assert not list(tenant.gateway.settings.uploads.rglob(f"upl_{scene}_*.part"))
 
 
 def test_an_upload_that_lies_is_refused_and_nothing_of_it_is_kept(
@@ -91,7 +91,7 @@ def test_an_upload_that_lies_is_refused_and_nothing_of_it_is_kept(
     chunk = images.UploadImageRequest(chunk=b"x")
     _, outcome = refused(lambda: send(tenant, iter([chunk])))
     assert outcome.code == "invalid-request"
-    assert not list(tenant.gateway.settings.uploads.rglob("*.part"))
+    assert not list(tenant.gateway.settings.uploads.rglob(f"upl_{scene}_*.part"))
     assert tenant.call("ListImages", scene_id=scene).result["items"] == []
 
 
