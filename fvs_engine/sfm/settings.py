@@ -58,39 +58,40 @@ class GateSettings(Record):
     """The thresholds of the gate (``verification.checks``), each with the measurement that it rests on.
 
     They were chosen on *fox*, *castle-P19*, *fountain-P11* and *kermit*, and with *bonsai* and *lund* in
-    view; ``docs/design/gate.md`` has more. Shares of rotations and
-    directions are weighted by matches.
+    view; ``docs/design/gate.md`` has more. Shares of rotations and directions are weighted by matches.
     """
 
     min_match_support: float = Field(default=0.90, ge=0, le=1)
-    """Share of the verified matches that the model's poses must explain.
+    """Minimum share of the verified matches that an accepted model explains.
 
     Right models of scenes with true poses have 0.92 or more, grossly wrong ones at most 0.80.
     """
 
     min_doubtful_match_support: float = Field(default=0.85, ge=0, le=1)
-    """Between this and ``min_match_support`` a model is doubtful, or rejected when nothing confirms it.
+    """Match support below which a model is rejected. From here to ``min_match_support`` it is doubtful, or
+    rejected when nothing confirms it.
 
     A right model of *lund*, whose focal length is 25 % off EXIF's, has 0.88.
     """
 
     min_rotation_support: float = Field(default=0.80, ge=0, le=1)
-    """Share of the independent relative rotations that must be within 5° of the model's.
+    """Minimum share of the independent relative rotations that are within 5° of the model's.
 
     Right models have 0.88 or more, wrong ones at most 0.74.
     """
 
     min_translation_support: float = Field(default=0.80, ge=0, le=1)
-    """Share of the independent translation directions that must be within 15° of the model's.
+    """Minimum share of the independent translation directions that are within 15° of the model's.
 
     Right models have 0.858 or more, wrong ones at most 0.745. A short arc with a focal length a third too
-    short has 0.215, where matches (0.90) and rotations (0.94) fit. Below it a model must be confirmed, and
-    is doubtful then: where all baselines are short, directions are noise.
+    short has 0.215, where matches (0.90) and rotations (0.94) fit. A model with less is doubtful, or rejected
+    when nothing confirms it: where all baselines are short, directions are noise.
     """
 
     max_unsupported_share: float = Field(default=0.1, ge=0, le=1)
-    """Share of a model's images up to which unsupported or misscaled ones are left out; above it they reject.
+    """Share of a model's images up to which unsupported or misscaled ones are left out.
 
+    Above it the model is rejected.
     Wrong models of *fox* have 11 to 25 unsupported images of 50.
     """
 
@@ -98,34 +99,37 @@ class GateSettings(Record):
     """The same for images that are far from their position priors, or see hardly any points."""
 
     min_shared_images: int = Field(default=4, ge=1)
-    """Number of images from which on two models can agree, and that a model must keep: three always fit."""
+    """Minimum number of images that two models must share to be compared: three always fit.
+
+    A model also keeps as many when images with few points are left out.
+    """
 
     max_disagreement: float = Field(default=0.05, gt=0)
-    """Median distance between two mappers' camera centres, in shares of the scene's spread.
+    """Maximum median distance between the camera centres of two models that agree, in shares of the spread.
 
     Those of *brighton* and *banana* differ by 0.0006; wrong models of *fox* are off by 0.34 and 0.74.
     """
 
     max_prior_disagreement: float = Field(default=0.25, gt=0)
-    """Median distance between camera centres and position priors, in shares of the track's spread.
+    """Maximum median distance between camera centres and position priors, in shares of the track's spread.
 
     Right models have 0.01 (*brighton*) to 0.073 (*lund*) with GPS.
     """
 
     confirming_prior_share: float = Field(default=0.1, gt=0)
-    """The same, up to which position priors confirm a doubtful model; chosen with *lund* (0.073) in view."""
+    """The same for position priors that confirm a doubtful model; chosen with *lund* (0.073) in view."""
 
     min_prior_support: float = Field(default=0.6, ge=0, le=1)
-    """Share of the pairs whose baselines must fit the position priors for these to be evidence.
+    """Minimum share of the pairs whose baselines fit position priors that are evidence.
 
     Of *fox*, 95 % of the right pairs are off by at most 3°, 95 % of the wrong ones by 39° or more.
     """
 
     doubt_discount: float = Field(default=0.5, gt=0, le=1)
-    """A doubtful model must explain twice the matches of an accepted one to be preferred to it."""
+    """Factor on the explained matches of a doubtful model when it is compared with an accepted one."""
 
     close_support: float = Field(default=0.01, ge=0, le=1)
-    """Match support that differs by less does not decide between two models."""
+    """Difference of match support up to which two models that contradict each other are equally supported."""
 
 
 class GrowthSettings(Record):
@@ -144,10 +148,10 @@ class GrowthSettings(Record):
     """Number of images near to the best matched ones that a new one is matched with after that."""
 
     min_image_support: float = Field(default=0.75, ge=0, le=1)
-    """Share of an image's verified matches that its pose must explain for the image to be registered."""
+    """Minimum share of the verified matches of an image that its pose explains; else it is not registered."""
 
     adjust_every: float = Field(default=0.1, gt=0)
-    """Global bundle adjustment follows when the number of images or points has grown by this share."""
+    """Growth of the number of images or points, as a share, after which global bundle adjustment follows."""
 
     remap_every: float = Field(default=0.1, gt=0)
     """Minimum growth of the number of images between two re-maps, as a share."""
@@ -156,23 +160,23 @@ class GrowthSettings(Record):
     """Loss of match support since the last re-map at which the next one is due."""
 
     max_unregistered: float = Field(default=0.1, gt=0)
-    """A re-map is due when unregistered images that match registered ones are this share of those."""
+    """Ratio of unregistered images that match registered ones to these, from which on a re-map is due."""
 
 
 class FeatureSettings(Record):
     """How SIFT features are extracted from an image."""
 
     max_image_size_px: int = Field(default=1600, ge=64)
-    """Larger images are reduced to this long side."""
+    """Long side to which larger images are reduced."""
 
     upsample_below_px: int = Field(default=1400, ge=0)
-    """Images whose long side is shorter, after that reduction, are upsampled twofold.
+    """Long side, after that reduction, below which images are upsampled twofold.
 
-    It finds the small features, which small images need, and takes three quarters of the time.
+    Upsampling finds small features, which small images need, and takes three quarters of the time.
     """
 
     max_features: int = Field(default=4096, ge=100)
-    """Features kept per image, the largest first."""
+    """Maximum number of features of an image; the largest are kept."""
 
 
 class SfmSettings(Record):
@@ -198,10 +202,13 @@ class SfmSettings(Record):
     """Initial estimate of the focal length, for images whose EXIF has none."""
 
     exhaustive_up_to: int = Field(default=20, ge=2)
-    """Up to this number every pair of images is matched; above, neighbours in order, space and similarity."""
+    """Number of images up to which all pairs are matched.
+
+    Above it, images are matched with their neighbours in order, space and similarity.
+    """
 
     incremental_first_up_to: int = Field(default=100, ge=0)
-    """Up to this number of images the incremental mapper runs first, above it the faster global one.
+    """Number of images up to which the incremental mapper runs first; above it, the faster global one does.
 
     The other one runs unless the gate accepts the first one's model, of nearly all images, by itself.
     """
