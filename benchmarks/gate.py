@@ -35,6 +35,7 @@ from fvs_engine.geometry.alignment.similarity import robust_umeyama, umeyama
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import MappedModel, registered_names
 from fvs_engine.sfm.colmap.database import focal_length_priors, read_keypoints, read_verified_pairs
+from fvs_engine.sfm.colmap.model import camera_centres
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.settings import GateSettings
@@ -120,7 +121,7 @@ def _cases(
     evidence: ModelEvidence,
 ) -> list[Case]:
     """The cases of models that the gate sees together."""
-    wrong = {kind: _wrong(kind, _centres(make()), scene.centres) for kind, make in group.items()}
+    wrong = {kind: _wrong(kind, camera_centres(make()), scene.centres) for kind, make in group.items()}
     known: dict[str, dict[tuple[str, ...], Evidence | None]] = {kind: {} for kind in group}
     found = []
     for without in _VERSIONS:
@@ -149,7 +150,7 @@ def _cases(
             subset,
             kind,
             kind in MAPPERS,
-            len(_centres(make())),
+            len(camera_centres(make())),
             len(wrong[kind]),
             _link_share(found[0][k], evidence),
             _depth_error(found[1][k].model, evidence),
@@ -175,10 +176,6 @@ def _judge(
         )
         for model, judgement in zip(models, judgements, strict=True)
     ]
-
-
-def _centres(model: pycolmap.Reconstruction) -> Centres:
-    return {image.name: image.projection_center() for image in model.images.values() if image.has_pose}
 
 
 def _wrong(kind: str, found: Centres, truth: Centres) -> set[str]:

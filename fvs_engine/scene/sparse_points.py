@@ -9,7 +9,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from fvs_engine.plan.familiarity import Observations
-from fvs_engine.sfm.colmap.model import open_colmap
+from fvs_engine.sfm.colmap.model import camera_centres, open_colmap
 from fvs_engine.sfm.reconstruction import PointCloud
 
 MIN_VIEWS = 2
@@ -79,7 +79,7 @@ def points_from_pycolmap(model: pycolmap.Reconstruction, names: Mapping[str, str
 def read_observations(model_dir: Path) -> Observations:
     """The sparse points of the model in ``model_dir`` and the centres that saw them, in its frame."""
     model = open_colmap(model_dir)
-    centres = {image.name: image.projection_center() for image in model.images.values() if image.has_pose}
+    centres = camera_centres(model)
     points = points_from_pycolmap(model, {name: name for name in centres})
     if points is None:
         return Observations(np.zeros((0, 3)), np.zeros(0, dtype=np.int64), np.zeros((0, 3)))

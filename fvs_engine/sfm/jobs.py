@@ -38,13 +38,18 @@ class Request(Record, Generic[Answer]):
         return read
 
 
-class ImportImages(Request[None]):
-    """Write images of one camera into the database."""
+class ImagesRequest(Request[Answer], Generic[Answer]):
+    """Base of the requests about images: ``names`` of files in ``image_dir`` that ``database`` describes."""
 
-    job = "import_images"
     database: Path
     image_dir: Path
     names: tuple[str, ...]
+
+
+class ImportImages(ImagesRequest[None]):
+    """Write images of one camera into the database."""
+
+    job = "import_images"
     model: str
     """COLMAP's name of the camera model."""
 
@@ -55,13 +60,10 @@ class ImportImages(Request[None]):
     """The camera that they share with images in the database; −1 makes one."""
 
 
-class ExtractFeatures(Request[None]):
+class ExtractFeatures(ImagesRequest[None]):
     """Extract SIFT features of images; those that have them are skipped."""
 
     job = "extract"
-    database: Path
-    image_dir: Path
-    names: tuple[str, ...]
     max_image_size_px: int
     upsampled: bool
     """Whether images are upsampled twofold."""
@@ -102,19 +104,22 @@ class CalibrateViewGraph(Request[bool]):
     seed: int
 
 
-class MapImages(Request[None]):
-    """Base of mapping: models go to ``out_dir``/0, 1, …, each adjusted robustly at the end."""
+class AdjustingRequest(ImagesRequest[Answer], Generic[Answer]):
+    """Base of the requests for models of images, which bundle adjustment refines."""
 
-    database: Path
-    image_dir: Path
     out_dir: Path
-    names: tuple[str, ...]
     refine: bool
-    """Whether intrinsics are refined; like ``lens`` as for ``RobustAdjustment``."""
+    """Whether intrinsics are refined."""
 
     lens: bool
+    """Whether principal points and second radial coefficients are estimated, see ``RobustAdjustment``."""
+
     seed: int
     threads: int | None
+
+
+class MapImages(AdjustingRequest[None]):
+    """Base of mapping: models go to ``out_dir``/0, 1, …, each adjusted robustly at the end."""
 
 
 class MapIncrementally(MapImages):
@@ -180,19 +185,11 @@ class Registration(Record):
     """Share of the verified matches that the model explains; None without a global bundle adjustment."""
 
 
-class RegisterImages(Request[Registration]):
+class RegisterImages(AdjustingRequest[Registration]):
     """Register ``names`` in the model as far as possible; writes the new model to ``out_dir``."""
 
     job = "register"
-    database: Path
-    image_dir: Path
     model_dir: Path
-    out_dir: Path
-    names: tuple[str, ...]
-    refine: bool
-    """Whether intrinsics are refined; like ``lens`` as for ``RobustAdjustment``."""
-
-    lens: bool
     priors: PosePriors
     min_image_support: float
     """Share of an image's matches that its pose must explain."""
@@ -204,8 +201,6 @@ class RegisterImages(Request[Registration]):
     adjusted_points: int
     """The model's size at its last global bundle adjustment."""
 
-    seed: int
-    threads: int | None
     two_view_points: bool = False
     """Whether points that only two images show are triangulated, too."""
 

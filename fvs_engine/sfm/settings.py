@@ -91,8 +91,7 @@ class GateSettings(Record):
     max_unsupported_share: float = Field(default=0.1, ge=0, le=1)
     """Share of a model's images up to which unsupported or misscaled ones are left out.
 
-    Above it the model is rejected.
-    Wrong models of *fox* have 11 to 25 unsupported images of 50.
+    Above it the model is rejected. Wrong models of *fox* have 11 to 25 unsupported images of 50.
     """
 
     max_misplaced_share: float = Field(default=MAX_MISPLACED_SHARE, ge=0, le=1)

@@ -17,7 +17,7 @@ from fvs_engine.sfm.colmap.database import (
     require_sound_database,
     verified_pair_count,
 )
-from fvs_engine.sfm.colmap.model import has_colmap_model, open_colmap
+from fvs_engine.sfm.colmap.model import camera_centres, has_colmap_model, open_colmap
 from fvs_engine.sfm.jobs import CalibrateViewGraph, MapGlobally, MapImages, MapIncrementally
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.settings import GateSettings, MapperName
@@ -77,13 +77,8 @@ class MappedModel:
             leave_out(largest, left_out)
             evidence = evidence_of.of(largest, monitor)
         monitor.report(Stage.EVIDENCE, 1, 1)
-        centres = {
-            image.name: np.asarray(image.projection_center())
-            for image in largest.images.values()
-            if image.has_pose
-        }
         others = tuple(registered_names(model) for model in models[1:])
-        judged = JudgedModel(mapper, centres, evidence)
+        judged = JudgedModel(mapper, camera_centres(largest), evidence)
         return MappedModel(largest, judged, others, tuple(left_out), tuple(with_few_points))
 
 

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import numpy as np
 import pycolmap
+from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError, StorageError
-from fvs_engine.geometry import PinholeCamera, RigidTransform
-from fvs_engine.geometry.alignment.similarity import AlignmentReport
+from fvs_engine.geometry import PinholeCamera, RigidTransform, SimilarityTransform
 from fvs_engine.geometry.cameras import CAMERA_MODELS, Camera, DistortedCamera
 from fvs_engine.sfm.colmap.binary_model import read_cameras, read_points, read_posed_images
 from fvs_engine.sfm.colmap.files import damaged_file
@@ -176,9 +176,15 @@ def camera_poses(model: pycolmap.Reconstruction) -> dict[str, RigidTransform]:
     }
 
 
-def move(model: pycolmap.Reconstruction, alignment: AlignmentReport) -> None:
-    """Apply the alignment's transform to all cameras and points of ``model``."""
-    transform = alignment.transform
+def camera_centres(model: pycolmap.Reconstruction) -> dict[str, NDArray[np.float64]]:
+    """Name → camera centre [3] of the registered images."""
+    return {
+        image.name: np.asarray(image.projection_center()) for image in model.images.values() if image.has_pose
+    }
+
+
+def move(model: pycolmap.Reconstruction, transform: SimilarityTransform) -> None:
+    """Apply a transform to all cameras and points of ``model``."""
     model.transform(
         pycolmap.Sim3d(transform.scale, pycolmap.Rotation3d(transform.rotation), transform.translation)
     )

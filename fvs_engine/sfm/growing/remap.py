@@ -105,7 +105,7 @@ def _with_severity(severity: Severity, judgements: Sequence[Judgement]) -> tuple
     """The reasons of ``judgements`` with this severity, each once."""
     reasons: list[Finding] = []
     for reason in (reason for judgement in judgements for reason in judgement.reasons):
-        found = reason.model_copy(update={"severity": severity})
+        found = reason.with_severity(severity)
         if found not in reasons:
             reasons.append(found)
     return tuple(reasons)
@@ -141,7 +141,7 @@ def _replace(
     except InvalidInputError:
         warning = Finding.of(FindingCode.NEW_MODEL_UNALIGNED)
         return ModelChange(state, match_support=support, warnings=(warning,))
-    move(model, alignment)
+    move(model, alignment.transform)
     model.write_binary(fresh_folder(out_dir))
     names, posed = list(state.images), set(registered_names(model))
     return ModelChange(

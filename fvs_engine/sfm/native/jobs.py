@@ -21,13 +21,10 @@ from fvs_engine.sfm.jobs import (
     TriangulatePoints,
     UndistortImages,
 )
+from fvs_engine.sfm.native.mapper_options import mapper_options, thread_count
 from fvs_engine.sfm.native.matching import match
 from fvs_engine.sfm.native.pose_review import PoseReview
 from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment, remove_outliers
-
-
-def _threads(threads: int | None) -> int:
-    return -1 if threads is None else threads
 
 
 def import_images(request: ImportImages, _report: Report) -> None:
@@ -45,7 +42,7 @@ def extract(request: ExtractFeatures, _report: Report) -> None:
     """See ``ExtractFeatures``."""
     options = pycolmap.FeatureExtractionOptions()
     options.max_image_size = request.max_image_size_px
-    options.num_threads = _threads(request.threads)
+    options.num_threads = thread_count(request.threads)
     options.use_gpu = False
     options.sift.max_num_features = request.max_features
     options.sift.first_octave = -1 if request.upsampled else 0
@@ -68,14 +65,9 @@ def calibrate(request: CalibrateViewGraph, _report: Report) -> bool:
 def map_incremental(request: MapIncrementally, report: Report) -> None:
     """See ``MapIncrementally``."""
     pycolmap.set_random_seed(request.seed)
-    options = pycolmap.IncrementalPipelineOptions()
-    options.random_seed = request.seed
-    options.num_threads = _threads(request.threads)
+    options = mapper_options(request)
     options.image_names = list(request.names)
     options.min_model_size = 3
-    options.ba_refine_focal_length = options.ba_refine_extra_params = request.refine
-    mapper = options.mapper
-    mapper.abs_pose_refine_focal_length = mapper.abs_pose_refine_extra_params = request.refine
     registered = 2
 
     def next_image() -> None:
@@ -95,7 +87,7 @@ def map_global(request: MapGlobally, _report: Report) -> None:
     options = pycolmap.GlobalPipelineOptions()
     options.image_names = list(request.names)
     options.random_seed = options.mapper.random_seed = request.seed
-    options.num_threads = options.mapper.num_threads = _threads(request.threads)
+    options.num_threads = options.mapper.num_threads = thread_count(request.threads)
     adjustment = options.mapper.bundle_adjustment
     adjustment.refine_focal_length = adjustment.refine_extra_params = request.refine
     options.mapper.bundle_adjustment = adjustment
@@ -104,7 +96,7 @@ def map_global(request: MapGlobally, _report: Report) -> None:
 
 def _adjust(models: Mapping[int, pycolmap.Reconstruction], request: MapImages) -> None:
     """Adjust the models of a mapper robustly, and write them to ``out_dir``/0, 1, … again."""
-    refine, lens, threads = request.refine, request.lens, _threads(request.threads)
+    refine, lens, threads = request.refine, request.lens, thread_count(request.threads)
     for number, model in models.items():
         RobustAdjustment(model, refine=refine, lens=lens, threads=threads).solve()
         remove_outliers(model)
@@ -122,7 +114,7 @@ def triangulate(request: TriangulatePoints, _report: Report) -> int:
     models that start without them are worse (docs/design/training.md).
     """
     options = pycolmap.IncrementalPipelineOptions()
-    options.num_threads = _threads(request.threads)
+    options.num_threads = thread_count(request.threads)
     options.ba_refine_focal_length = options.ba_refine_extra_params = False
     model = pycolmap.Reconstruction(request.model_dir)
     options.triangulation.ignore_two_view_tracks = False

@@ -9,6 +9,7 @@ import pycolmap
 from numpy.typing import NDArray
 
 from fvs_engine.sfm.colmap.database import VerifiedPair, read_keypoints, read_verified_pairs
+from fvs_engine.sfm.colmap.model import camera_centres
 from fvs_engine.sfm.native.thresholds import POSES
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.conflicting_views import conflicting_views
@@ -64,9 +65,7 @@ class PoseCheck:
             return Finding.of(FindingCode.POSE_UNSUPPORTED, [name], supported=supported, matches=matches)
         if name in self._scale(model, {image_id}).contradicted:
             return Finding.of(FindingCode.POSE_AT_WRONG_DISTANCE, [name])
-        registered = [image for image in model.images.values() if image.has_pose]
-        centres = {image.name: np.asarray(image.projection_center()) for image in registered}
-        distance = misplaced(self.priors, centres).get(name)
+        distance = misplaced(self.priors, camera_centres(model)).get(name)
         if distance is None:
             return None
         return Finding.of(FindingCode.POSE_FAR_FROM_PRIOR, [name], distance=distance)

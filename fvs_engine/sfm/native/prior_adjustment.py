@@ -4,7 +4,7 @@ import numpy as np
 import pycolmap
 
 from fvs_engine.geometry.alignment.cameras import centre_spread
-from fvs_engine.sfm.colmap.model import camera_poses
+from fvs_engine.sfm.colmap.model import camera_poses, move
 from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment
 from fvs_engine.sfm.native.thresholds import ADJUSTMENT
 from fvs_engine.sfm.pose_priors import PosePriors
@@ -24,10 +24,7 @@ def adjust_with_priors(adjustment: RobustAdjustment, priors: PosePriors, seed: i
     if frame is None:
         return False
     wrong = misplaced(priors, {name: pose.translation for name, pose in poses.items()})
-    to_world = frame.world_from_model
-    model.transform(
-        pycolmap.Sim3d(to_world.scale, pycolmap.Rotation3d(to_world.rotation), to_world.translation)
-    )
+    move(model, frame.world_from_model)
     images = [model.image(image_id) for image_id in model.reg_image_ids()]
     known = [image for image in images if image.name in priors.by_name and image.name not in wrong]
     world = priors.positions([image.name for image in known])

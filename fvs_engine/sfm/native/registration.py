@@ -13,6 +13,7 @@ from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.alignment.cameras import align_poses
 from fvs_engine.sfm.colmap.model import camera_poses, move
 from fvs_engine.sfm.jobs import RegisterImages, Registration, Report
+from fvs_engine.sfm.native.mapper_options import mapper_options
 from fvs_engine.sfm.native.match_cache import load_all, load_around, set_cameras
 from fvs_engine.sfm.native.points_of_others import Rays
 from fvs_engine.sfm.native.pose_check import PoseCheck
@@ -83,16 +84,6 @@ def register(request: RegisterImages, report: Report) -> Registration:
     )
 
 
-def _pipeline_options(request: RegisterImages) -> pycolmap.IncrementalPipelineOptions:
-    options, refine = pycolmap.IncrementalPipelineOptions(), request.refine
-    options.triangulation.ignore_two_view_tracks = not request.two_view_points
-    options.random_seed = request.seed
-    options.num_threads = -1 if request.threads is None else request.threads
-    options.ba_refine_focal_length = options.ba_refine_extra_params = refine
-    options.mapper.abs_pose_refine_focal_length = options.mapper.abs_pose_refine_extra_params = refine
-    return options
-
-
 class Growth:
     """COLMAP's incremental mapper on an existing model, to which images of a ``request`` are added.
 
@@ -118,7 +109,8 @@ class Growth:
         self._rejections: Counter[str] = Counter()
         self._rejected_now: set[str] = set()
         self._cache = cache
-        self._options = options = _pipeline_options(request)
+        self._options = options = mapper_options(request)
+        options.triangulation.ignore_two_view_tracks = not request.two_view_points
         self.mapper = self._begin()
         # The intrinsics of a known camera do not change for one more image; those of a new camera do.
         self._local = options.get_mapper()
@@ -204,7 +196,7 @@ class Growth:
         self._adjust_robustly(before)
 
     def _review(self, poses: Mapping[str, RigidTransform], image_ids: Collection[int]) -> list[str]:
-        """See ``review_poses``; ``poses`` are those of the model."""
+        """Review the poses of these images, see ``PoseReview.of``; ``poses`` are those of the model."""
         priors = self.check.priors
         review = PoseReview(
             self.model,
@@ -231,7 +223,7 @@ class Growth:
         self.mapper.filter_points(options.get_mapper())
         self.mapper.filter_frames(options.get_mapper())
         try:
-            move(self.model, align_poses(camera_poses(self.model), before))
+            move(self.model, align_poses(camera_poses(self.model), before).transform)
         except InvalidInputError:  # all centres coincide: the adjustment itself keeps the frame
             return
 

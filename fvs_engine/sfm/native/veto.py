@@ -16,7 +16,7 @@ from fvs_engine.sfm.colmap.database import (
     read_verified_pairs,
     veto_pairs,
 )
-from fvs_engine.sfm.colmap.model import camera_poses
+from fvs_engine.sfm.colmap.model import camera_centres, camera_poses
 from fvs_engine.sfm.jobs import PairVeto, Report, VetoPairs
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.verification.contradicted_pairs import KnownCameras, contradicted_pairs
@@ -82,8 +82,7 @@ def _support(
     """The support of priors that a model contradicts, by a sample of its pairs; None when it is unknown."""
     posed = {image_id: image for image_id, image in model.images.items() if image.has_pose}
     names = {image_id: image.name for image_id, image in posed.items()}
-    centres = {image.name: np.asarray(image.projection_center()) for image in posed.values()}
-    if not contradict(priors, centres):
+    if not contradict(priors, camera_centres(model)):
         return None
     inside = [pair for pair in pairs if pair.first in posed and pair.second in posed]
     inside = inside[:: max(1, -(-len(inside) // PRIORS.max_checked_pairs))]

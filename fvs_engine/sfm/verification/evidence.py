@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.colmap.database import VerifiedPair
+from fvs_engine.sfm.colmap.model import camera_centres
 from fvs_engine.sfm.pose_priors import PosePriors
 from fvs_engine.sfm.report import Evidence
 from fvs_engine.sfm.verification.conflicting_views import conflicting_views
@@ -45,7 +46,7 @@ class ModelEvidence:
         if not checks:
             return None
         posed = [image for image in model.images.values() if image.has_pose]
-        centres = {image.name: np.asarray(image.projection_center()) for image in posed}
+        centres = camera_centres(model)
         links = Links.of(model, checks)
         names = {image.image_id: image.name for image in posed}
         scale = Scale.of(names, depth_ratios(model, pairs, keypoints))

@@ -35,7 +35,6 @@ class DepthRatio:
     middle: int
     first: int
     second: int
-    tracks: int
     log_ratio: float
     scatter: float
 
@@ -176,7 +175,7 @@ def _compared(image: int, depths: Sequence[tuple[int, Array]]) -> list[DepthRati
         if len(difference) >= DEPTHS.min_tracks:
             median = _median(difference)
             scatter = 1.4826 * _median(np.abs(difference - median))
-            ratios.append(DepthRatio(image, first, second, len(difference), median, scatter))
+            ratios.append(DepthRatio(image, first, second, median, scatter))
     return ratios
 
 

@@ -89,7 +89,7 @@ class ConflictThresholds:
     """Minimum number of the other image's points in a cell for at least one to be expected there."""
 
     min_features: int = 5
-    """Minimum number of the image's own features in a cell: where it has fewer, points may stay undetected."""
+    """Minimum number of the image's own features in a cell: with fewer, points may stay undetected."""
 
     min_cells: int = 15
     """Minimum number of cells without an expected point in images that conflict.

@@ -10,7 +10,7 @@ from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.mapping import leave_out, load_models
 from fvs_engine.sfm.batch.reconstruct import SfmResult
-from fvs_engine.sfm.colmap.model import camera_poses, read_colmap
+from fvs_engine.sfm.colmap.model import camera_poses, move, read_colmap
 from fvs_engine.sfm.growing.remap import reason_to_remap, remap, start_again
 from fvs_engine.sfm.growing.state import GrowthState
 from fvs_engine.sfm.pose_priors import PosePrior, PosePriors
@@ -44,10 +44,7 @@ def test_the_model_of_a_remap_is_aligned_with_the_current_one(
     folder = shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
     model = pycolmap.Reconstruction(kermit_sfm.model_dir)
     leave_out(model, kermit_names[5:])
-    transform = MODEL_FROM_COLMAP
-    model.transform(
-        pycolmap.Sim3d(transform.scale, pycolmap.Rotation3d(transform.rotation), transform.translation)
-    )
+    move(model, MODEL_FROM_COLMAP)
     current = tmp_path / "current"
     current.mkdir()
     model.write_binary(current)

@@ -204,8 +204,8 @@ def test_three_images_in_a_chain_of_pairs_are_open():
 def test_groups_that_share_two_images_have_one_scale():
     """An image between two of the rest, whose features no third of the rest sees, is fixed by those two."""
     names = dict(list(NAMES.items())[:6])
-    chain = [DepthRatio(i, i - 1, i + 1, 50, 0.0, 0.01) for i in (2, 3, 4)]
-    between = DepthRatio(6, 3, 4, 50, 0.0, 0.01)
-    beside = DepthRatio(6, 5, 5, 50, 0.0, 0.01)
+    chain = [DepthRatio(i, i - 1, i + 1, 0.0, 0.01) for i in (2, 3, 4)]
+    between = DepthRatio(6, 3, 4, 0.0, 0.01)
+    beside = DepthRatio(6, 5, 5, 0.0, 0.01)
     assert Scale.of(names, [*chain, between]).open == set()
     assert Scale.of(names, [*chain, beside]).open == {names[6]}
