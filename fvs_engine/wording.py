@@ -300,14 +300,14 @@ Fields are the finding's numbers and texts, ``images`` (the first few), ``count`
 ``against``, how many candidates are not feasible for which reason.
 """
 
-_AGAINST = {
+AGAINST = {
     CandidateStatus.IN_MATTER: "inside matter",
     CandidateStatus.TOO_CLOSE: "too close to matter",
     CandidateStatus.NO_FLY: "in a no-fly zone",
     CandidateStatus.OUT_OF_MODEL: "out of the model",
     CandidateStatus.UNREGISTRABLE: "unlikely to be registered",
 }
-"""What is against candidates that are not feasible."""
+"""Statuses of candidates that are not feasible → what is against them."""
 
 
 def sentence(finding: Finding) -> str:
@@ -337,7 +337,7 @@ def _fields(finding: Finding) -> dict[str, object]:
     images = finding.images
     against = [
         f"{finding.numbers[status]:,.0f} {reason}"
-        for status, reason in _AGAINST.items()
+        for status, reason in AGAINST.items()
         if status in finding.numbers
     ]
     pairs = [f"{first} and {second}" for first, second in zip(images[::2], images[1::2], strict=False)]

@@ -9,29 +9,23 @@ from fvs_engine.plan.plan_records import Term
 from fvs_engine.plan.planner import Mask
 from fvs_engine.plan.route import Legs
 from fvs_engine.plan.tours import Budget, Tour, least_distance
+from fvs_engine.wording import AGAINST
 from fvs_schema.candidates import CandidateStatus
 from fvs_schema.findings import Finding, FindingCode
 
 _FEW = 3
-_AGAINST = {
-    CandidateStatus.IN_MATTER,
-    CandidateStatus.TOO_CLOSE,
-    CandidateStatus.NO_FLY,
-    CandidateStatus.OUT_OF_MODEL,
-    CandidateStatus.UNREGISTRABLE,
-}
 
 
 def few_registrable(registrable: int | None, candidates: int) -> Iterator[Finding]:
-    """Whether fewer than three of ``candidates`` are ``registrable`` (None: that was not computed)."""
+    """The finding that fewer than three ``candidates`` are ``registrable`` (None: that was not computed)."""
     if registrable is not None and registrable < min(_FEW, candidates):
         yield Finding.of(FindingCode.FEW_REGISTRABLE, registrable=registrable, of=candidates)
 
 
 def none_feasible(statuses: Iterable[CandidateStatus]) -> Iterator[Finding]:
-    """Whether something is against every candidate, if there is any."""
+    """The finding that no candidate is feasible, of one or more."""
     counts = Counter(statuses)
-    if counts and counts.keys() <= _AGAINST:
+    if counts and counts.keys() <= AGAINST.keys():
         against = {status.value: float(count) for status, count in counts.items()}
         found = Finding.of(FindingCode.NONE_FEASIBLE, of=counts.total())
         yield found.model_copy(update={"numbers": found.numbers | against})
@@ -66,26 +60,26 @@ def grounded_vehicles(
 
 
 def unreachable_candidates(count: int, legs: Legs, starts: Sequence[int]) -> Iterator[Finding]:
-    """How many of ``count`` candidates no way leads to, if any."""
+    """The finding that no way leads to some of the ``count`` candidates."""
     lengths = legs.between(np.array(starts), np.arange(count)).min(axis=0)
     if missed := int(np.isinf(lengths).sum()):
         yield Finding.of(FindingCode.UNREACHABLE, missed=missed, of=count)
 
 
 def candidates_too_close(left_out: int, count: int) -> Iterator[Finding]:
-    """How many of ``count`` candidates were left out because no camera can be there, if any."""
+    """The finding that ``left_out`` of ``count`` candidates are where no camera can be."""
     if left_out:
         yield Finding.of(FindingCode.TOO_CLOSE, left_out=left_out, of=count)
 
 
 def copied_candidates(one_of_pose: Mask) -> Iterator[Finding]:
-    """How many candidates [n] have the pose of another that may be planned, if any."""
+    """The finding that some candidates [n] have the pose of another one; ``one_of_pose`` has one of each."""
     if copies := int((~one_of_pose).sum()):
         yield Finding.of(FindingCode.SAME_POSE, copies=copies, of=len(one_of_pose))
 
 
 def nothing_in_view(terms: Sequence[Term]) -> Iterator[Finding]:
-    """Whether none of the planned candidates among ``terms`` shows anything of the model."""
+    """The finding that none of the planned candidates among ``terms`` shows anything of the model."""
     planned = [term for term in terms if term.planned]
     if planned and all(term.coverage == 0.0 for term in planned):
         yield Finding.of(FindingCode.NOTHING_IN_VIEW)

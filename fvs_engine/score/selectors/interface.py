@@ -35,8 +35,8 @@ class SelectionContext:
     the end, the first ones included. ``seed`` and ``step`` (from 0) are the only source of chance.
 
     For selectors that plan: ``later`` are the unvisited views that may be visited later, the candidates among
-    them (empty: the candidates), ``reach`` what each step can reach, in units of the model frame (None:
-    everything), and ``targets`` the poses that the model must serve (empty: all views that may be visited).
+    them (empty: the candidates), and ``reach`` what each step can reach, in units of the model frame (None:
+    everything). The model must serve all views that may be visited.
     ``observations`` are the sparse points where poses are estimated, so that a view which is visited must be
     registered to be of use (None: poses are known). ``fleet``: the vehicles with their places and what they
     have flown of their distance, in the model frame, the one that chooses first (None: one without a limit).
@@ -56,7 +56,6 @@ class SelectionContext:
     step: int
     later: tuple[PinholeView, ...] = ()
     reach: Reach | None = None
-    targets: tuple[PinholeView, ...] = ()
     observations: Observations | None = None
     here: NDArray[np.float64] | None = None
     fleet: Fleet | None = None
@@ -88,7 +87,7 @@ class SelectionContext:
     def planning(self) -> Targets:
         """The context as the input of a plan: the same to the last bit in whatever order candidates come."""
         later = sorted(self.later or self.candidates, key=lambda view: view.name)
-        return Targets(self.visited, later, self.targets, self.observations)
+        return Targets(self.visited, later, observations=self.observations)
 
 
 class Selector(Protocol):
@@ -130,10 +129,10 @@ def select(
 ) -> Selection:
     """Choose the next view.
 
-    The lowest score wins; ties are broken by ``distances`` (name → travel distance, in the caller's
-    unit), then by name. Where no candidate can be ranked, the lowest score among those of low
-    coverage wins (the model fills little of any view then); where none has
-    a score at all, the candidate farthest from all visited views, in position and direction.
+    The lowest score wins; ties are broken by ``distances`` (name → travel distance, in the caller's unit),
+    then by name. Where no candidate can be ranked, the lowest score among those of low coverage wins (the
+    model fills little of any view then); where none has a score at all, the candidate farthest from all
+    visited views, in position and direction.
 
     Raises ``InvalidInputError`` without candidates, and what ``Selector.score`` raises.
     """

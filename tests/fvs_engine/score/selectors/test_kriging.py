@@ -66,13 +66,6 @@ def test_a_limited_reach_is_planned_ahead(context, ring):
     assert min(scores, key=scores.get) == "340"
 
 
-def test_targets_say_where_views_are_needed(context, ring):
-    visited, candidates = ring(0), ring(90, 180)
-    here = context(visited, candidates, budget=2, targets=ring(80, 85, 95, 100))
-    scores = {score.name: score.score for score in create_selector("kriging").score(here)}
-    assert scores["090"] < scores["180"]
-
-
 def test_with_estimated_poses_only_familiar_views_are_planned(context, ring):
     """All points were seen from 0 degrees: its neighbours can be registered, the other side cannot."""
     draw = np.random.default_rng(0)
