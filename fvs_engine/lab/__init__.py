@@ -1,1 +1,1 @@
-"""The laboratory: simulated sites and vehicles, and evaluations of selectors."""
+"""The laboratory: simulated sites and vehicles, selectors for comparison, and their evaluation."""

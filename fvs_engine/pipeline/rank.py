@@ -65,12 +65,13 @@ def rank_candidates(
     """Rank the candidates of a file by the model in ``root``; write ranking.json and contact_sheet.png.
 
     Without a file the held-out views and poses halfway between neighbouring training views are ranked.
-    Those in matter, too close to it or unlikely to be registered get no rank, but with ``rank_all``: see
+    Those in matter, too close to it or unlikely to be registered get no rank unless ``rank_all``, see
     ``FeasibilityCheck``. ``safety`` is the least distance from matter, in units of the model.
-    The contact sheet shows the first ``top``, at most ``MOST_ON_SHEET``; so many are exact by the ``method``
-    ``median-frequency-fast``. Returns the ranking and the folder
-    written: ``out``, or ``ranking/`` in ``root``. Raises ``InvalidInputError`` for a file that cannot be
-    used or a folder without a model, ``StorageError`` when ``out`` cannot be written, ``Cancelled``.
+    The contact sheet shows the first ``top``, at most ``MOST_ON_SHEET``. By the method
+    ``median-frequency-fast`` the scores of the first ``top`` are exact.
+    Returns the ranking and the folder written: ``out``, or ``ranking/`` in ``root``.
+    Raises ``InvalidInputError`` for a file that cannot be used or a folder without a model, ``StorageError``
+    when ``out`` cannot be written, ``Cancelled``.
     """
     monitor = monitor or Monitor()
     model = open_model(root)

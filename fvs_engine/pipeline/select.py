@@ -95,8 +95,8 @@ def select_views(
 
     ``selector`` is the one that ``request.method`` names.
 
-    The same call on the same ``out`` resumes. Raises what ``open_dataset``,
-    ``SelectionLoop`` and the parts below them raise; ``out`` then holds the last good state.
+    The same call on the same ``out`` resumes. Raises what ``open_dataset`` and ``SelectionLoop`` raise;
+    ``out`` then holds the last good state.
     """
     monitor = monitor or Monitor()
     dataset = open_outside(out, folder, colmap, transforms, monitor)

@@ -20,10 +20,7 @@ from fvs_engine.pipeline.manifest import (
     TrainingRecord,
     ViewMetrics,
 )
-from fvs_engine.pipeline.model import (
-    model_views,
-    read_undistorted,
-)
+from fvs_engine.pipeline.model import model_views, read_undistorted
 from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.quality import renders_of

@@ -35,9 +35,9 @@ class Dataset:
     A view's name is its photograph's posix path in ``image_dir``, its camera has the photograph's size, and
     its ``camera_from_model`` starts from the dataset's own model: a scene with known poses takes that as its
     model frame, a scene that estimates poses aligns with it. ``points`` are those of the dataset's model,
-    None when it has none. ``warnings`` are about what was left out. ``arriving``: photographs are
-    added to the folder over time, may be deleted from it, and have no known poses; there are no views then,
-    and a scene of it estimates poses by structure from motion.
+    None when it has none. ``warnings`` are about what was left out. ``arriving``: photographs are added to
+    the folder over time, may be deleted from it, and have no known poses; there are no views then, and a
+    scene of it estimates poses by structure from motion.
     """
 
     name: str

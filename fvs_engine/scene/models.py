@@ -111,11 +111,7 @@ class SceneModels:
 
     def _train(self, quality: ModelQuality, monitor: Monitor) -> SceneModel:
         """Train a model, or finish the one in training."""
-        owner = _Owner(
-            digest=self._digest,
-            quality=quality,
-            views=self._poses,
-        )
+        owner = _Owner(digest=self._digest, quality=quality, views=self._poses)
         trainer, iterations = self._trainer(owner)
 
         def save(path: Path = self._files.training) -> None:

@@ -1,4 +1,4 @@
-"""Interface of the sources of a scene's poses and sparse points: the dataset, or structure from motion."""
+"""Sources of a scene's poses and sparse points: the dataset, or structure from motion."""
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from pathlib import Path

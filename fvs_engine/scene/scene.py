@@ -58,8 +58,8 @@ class Scene:
     after a kill, gives the same scene bit by bit (on the CPU, with ``settings.sfm.threads=1`` where poses are
     estimated). Only one process at a time may use a folder.
 
-    Images stay in memory, and are reread only if their camera's intrinsics changed visibly. For the cost
-    of poses and points see ``GrowingReconstruction`` and ``KnownPoses``.
+    Images stay in memory, and are reread only if their camera's intrinsics changed visibly. For the cost of
+    poses and points see ``GrowingReconstruction`` and ``KnownPoses``.
     """
 
     def __init__(
@@ -128,7 +128,7 @@ class Scene:
 
     @property
     def why_unregistered(self) -> Mapping[str, Finding]:
-        """Visited images without a pose → the reason, a sentence, as far as it is known."""
+        """Visited images without a pose → the reason, as far as it is known."""
         return self._source.why_unregistered
 
     @property
@@ -158,13 +158,13 @@ class Scene:
         *,
         removed: Collection[str] = (),
     ) -> SceneUpdate:
-        """Visit the images ``names``: register them.
+        """Visit the images ``names``, which registers them.
 
         Images ``removed`` are first taken out, as if they had never been visited; those that are in
         ``names``, too, are added again.
 
-        ``priors``: pose priors for a dataset without poses, those of earlier images included; by
-        default the GPS positions in their EXIF. Poses that contradict them are rejected. Visited names are
+        ``priors``: pose priors for a dataset without poses, those of earlier images included; by default the
+        GPS positions in their EXIF. Poses that contradict them are rejected. Visited names are
         ignored. When this raises, the scene does not change.
 
         Raises ``InvalidInputError`` for names that are not in the dataset, and what the pose source raises.

@@ -70,9 +70,8 @@ def seeds_on_points(points: PointCloud, room: int) -> Seeds:
 def guessed_seeds(views: Sequence[TrainingView], room: int, seed: int) -> Seeds:
     """Seeds on random rays through the images of ``views``, with their colours; at most ``room``.
 
-    Depths are log-uniform around the distance
-    to the views' common focus. Only the visited images and their views are used. Training moves, prunes and
-    replaces these seeds.
+    Depths are log-uniform around the distance to the views' common focus. Only the visited images and their
+    views are used. Training moves, prunes and replaces these seeds.
     """
     generator = np.random.default_rng([seed, len(views)])
     look_at = _common_focus(views)

@@ -1,4 +1,4 @@
-"""Scores of candidate views."""
+"""Scores of candidate views, their feasibility, and the selectors that rank by them."""
 
 from fvs_engine.candidates import CandidateScore
 from fvs_engine.score.estimate.median_frequency_estimate import MedianFrequencyEstimate

@@ -1,1 +1,1 @@
-"""Choosing the next view: selectors behind one interface, and the loop of the paper's Algorithm 1."""
+"""The loop of the paper's Algorithm 1: choose the next view, visit it, train, repeat."""

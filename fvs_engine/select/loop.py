@@ -117,9 +117,9 @@ class SelectionLoop:
 
         ``selector`` is the one that ``settings.method`` names.
 
-        Raises ``InvalidInputError`` for a pool that is smaller than the budget and a
-        reach in which the first step finds nothing; ``OutputExistsError`` when the folder holds something
-        else or another selection; ``StorageError``.
+        Raises ``InvalidInputError`` for a pool that is smaller than the budget, and for a reach in which the
+        first step finds nothing; ``OutputExistsError`` when the folder holds something else or another
+        selection; ``StorageError``.
         """
         pool, held_out = hold_out(dataset.names, settings.test_every, settings.hold_out)
         if len(pool) < settings.budget:

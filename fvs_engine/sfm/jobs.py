@@ -22,9 +22,9 @@ Answer = TypeVar("Answer")
 
 
 class Request(Record, Generic[Answer]):
-    """Base of the requests; ``job`` is the job's name, ``Answer`` the type of what it answers.
+    """Base of the requests; ``job`` is the job's name, ``Answer`` the type of its answer.
 
-    ``threads`` of a request are None for one per core.
+    ``threads`` is the number of threads, None for one per core.
     """
 
     job: ClassVar[str]
@@ -57,7 +57,7 @@ class ImportImages(ImagesRequest[None]):
     """Its parameters, separated by commas; without any COLMAP takes EXIF or its default."""
 
     camera_id: int
-    """The camera that they share with images in the database; −1 makes one."""
+    """The camera in the database that took them; −1 adds a new one."""
 
 
 class ExtractFeatures(ImagesRequest[None]):
@@ -146,7 +146,7 @@ class TriangulatePoints(Request[int]):
 
 
 class UndistortImages(Request[None]):
-    """A pinhole model in ``out_dir``/sparse, and those of its images in ``names`` in ``out_dir``/images."""
+    """Write a pinhole model to ``out_dir``/sparse, and the undistorted ``names`` to ``out_dir``/images."""
 
     job = "undistort"
     model_dir: Path
@@ -172,7 +172,7 @@ class Registration(Record):
     """Pairs with a new image that should show the same, by their poses, and do not."""
 
     posed: tuple[str, ...]
-    """All images with a pose now."""
+    """All images that have a pose afterwards."""
 
     rejected: dict[str, Finding]
     """Images whose pose was rejected → the reason."""
@@ -192,7 +192,7 @@ class RegisterImages(AdjustingRequest[Registration]):
     model_dir: Path
     priors: PosePriors
     min_image_support: float
-    """Share of an image's matches that its pose must explain."""
+    """Minimum share of an image's matches that its pose explains."""
 
     adjust_every: float
     """Growth of the number of images or points, as a share, after which all are adjusted."""
@@ -227,23 +227,23 @@ class RegisterGuided(Request[GuidedRegistration]):
     """Unregistered images → the registered ones that they should overlap."""
 
     tried: tuple[str, ...]
-    """Images that were looked at before, the one looked at last being the last."""
+    """Images that were looked at before, the most recent one last."""
 
 
 class PairVeto(Record):
-    """What a veto of verified pairs found out about the pose priors."""
+    """The result of a veto of verified pairs, and what it shows about the pose priors."""
 
     believed: bool
-    """Whether the priors agree with the model; else nothing was vetoed."""
+    """Whether the priors agree with the model; if not, nothing was vetoed."""
 
     oriented: bool
     """False when orientation priors contradict position priors."""
 
     informative: bool
-    """Whether the positions can judge the poses of other images."""
+    """Whether the positions are accurate enough to judge the poses of other images."""
 
     contradicted_support: float | None = None
-    """The support of priors that the model contradicts by the pairs in it; None when it is unknown."""
+    """Share of the pairs in the model that fit priors which the model contradicts; None when unknown."""
 
     without: tuple[str, ...] = ()
     """Images that no chain of verified pairs joins with the model any more."""
@@ -303,7 +303,7 @@ class LocaliseImages(Request[Localisation]):
 
     priors: PosePriors
     min_image_support: float
-    """Share of an image's matches that its pose must explain."""
+    """Minimum share of an image's matches that its pose explains."""
 
     seed: int
 

@@ -27,9 +27,9 @@ _Camera = tuple[int, bytes, bytes]
 
 @dataclass(frozen=True, eq=False)
 class PoseCheck:
-    """Verified pairs, keypoints by image id and position priors, none of which depends on the model.
+    """Checks poses by verified pairs, keypoints (by image id) and position priors, which no model changes.
 
-    ``min_image_support``: share of an image's matches that its pose must explain.
+    ``min_image_support``: minimum share of an image's matches that its pose explains.
     """
 
     pairs: Sequence[VerifiedPair]

@@ -32,7 +32,8 @@ class PoseReview:
 
     The error of a pose is judged by points as the other images see them, and by the expected pose that
     ``expected_of`` gives for its name, if any, both robustly. A new pose must explain the verified matches
-    nearly as well; ``contradicts`` (of an image id) must not be true of it unless it was of the old one.
+    nearly as well. ``contradicts`` says whether something contradicts the pose of an image, by its id: a new
+    pose that is contradicted replaces the old one only if that was contradicted, too.
     """
 
     model: pycolmap.Reconstruction

@@ -24,8 +24,8 @@ from fvs_schema.findings import Finding, FindingCode
 def position_share(model: pycolmap.Reconstruction, image: pycolmap.Image, rays: Rays) -> float | None:
     """The standard deviation of a registered image's position, in spreads of the camera centres.
 
-    In its least certain direction, by the points that other images see; the image's prior does not count.
-    None where many points hold the image, and where too few points or images tell.
+    It is that of the least certain direction, estimated from the points that other images see, without the
+    image's prior. None for an image that does not hang on few points, and for too few points or images.
     """
     if model.num_reg_images() < POSES.min_cameras or not hangs_on_few_points(model, image):
         return None
@@ -49,9 +49,9 @@ def centre_sigma(
 ) -> float:
     """The standard deviation of the camera centre in its least certain direction.
 
-    Of the pose near ``camera_from_model`` that explains the ``pixels`` [N, 2] of ``points`` [N, 3] best: by
-    the delete-a-group jackknife, whose groups are cells of the image; with known intrinsics. Infinite where
-    one cell has nearly all points.
+    The pose is the one near ``camera_from_model`` that explains the ``pixels`` [N, 2] of ``points`` [N, 3]
+    best, with known intrinsics. Estimated by the delete-a-group jackknife, whose groups are cells of the
+    image; infinite where one cell has nearly all points.
     """
     seen, _ = project(camera, camera_from_model, points)
     error_px = float(np.median(np.linalg.norm(seen - pixels, axis=1)))

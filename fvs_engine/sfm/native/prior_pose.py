@@ -86,7 +86,7 @@ def expected_poses(
 
 @dataclass(frozen=True, eq=False)
 class PoseProblem:
-    """What the pose of an image follows from: points that it sees, and its expected pose, if any.
+    """The data that determine the pose of an image: points that it sees, and its expected pose, if any.
 
     ``pixels`` [N, 2] are the observations of ``points`` [N, 3], with the standard deviation ``noise_px`` per
     coordinate.

@@ -235,9 +235,9 @@ class RequestQueue:
             computation.answer.set_exception(error)
 
 
-def _full(whose: str, questions: int, free_in_s: float) -> LimitExceededError:
+def _full(whose: str, queued: int, free_in_s: float) -> LimitExceededError:
     return LimitExceededError(
-        f"{whose} has {questions} rankings in the queue, and no more are allowed.",
+        f"{whose} has {queued} rankings in the queue, and no more are allowed.",
         hint="Try again when some of them are answered.",
         retry_after_s=max(1, math.ceil(free_in_s)),
     )
