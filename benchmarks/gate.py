@@ -5,11 +5,10 @@
     python benchmarks/gate.py --cases fox.json bonsai.json ...
 
 Both mappers' models of subsets of each scene (``gate_models``), and models spoilt from them, are examined
-without any prior: by the first gate, by one with links, whose evidence is of pairs, too, and by the present
-one. An image is wrong when its centre
-is more than 10 % of the spread off after a robust alignment; a model is, when an image that the gate left in
-it is. Scenes without true poses are judged by an accepted model of all their photographs. Every threshold is
-chosen on all scenes but one, and judged on that one.
+without any prior: by the first gate, by one that also knows links between images, and by the present one. An
+image is wrong when its centre is more than 10 % of the spread off after a robust alignment; a model is, when
+an image that the gate left in it is. Scenes without true poses are judged by an accepted model of all their
+photographs. Every threshold is chosen on all scenes but one, and judged on that one.
 ``FOLDER`` keeps features and models: a second run only examines. ``--cases`` makes the tables of the models
 that other runs have written with ``--json``.
 """
