@@ -83,8 +83,8 @@ def _by_size(image_dir: Path, names: Sequence[str], settings: FeatureSettings) -
     small: list[str] = []
     large: list[str] = []
     for name in names:
-        with Image.open(image_dir / name) as image:
-            side_px = min(max(image.size), settings.max_image_size_px)
+        width, height, _ = _header(image_dir / name)
+        side_px = min(max(width, height), settings.max_image_size_px)
         (small if side_px < settings.upsample_below_px else large).append(name)
     return small, large
 
