@@ -5,6 +5,7 @@ from types import SimpleNamespace
 from typing import Any
 
 import pytest
+from fvs_service.errors import StorageUnavailableError
 from fvs_service.host.protocol.messages import RunnerOrder
 from fvs_service.host.worker import leased_scenes, runner_child
 from fvs_service.host.worker.leased_scenes import LeasedScenes
@@ -55,6 +56,52 @@ def test_a_scene_keeps_its_memory_until_the_last_one_is_done_with_it(
             scenes.start_runner(training)
             with scenes.with_runner(another, 1_000_000_000, lambda: True) as refused:
                 assert refused is None
+        with scenes.with_runner(another, 1_000_000_000, lambda: True) as leased:
+            assert leased is not None
+    finally:
+        scenes.stop()
+
+
+@pytest.mark.parametrize("where", ["acquire", "extend"])
+def test_a_scene_that_cannot_be_leased_keeps_neither_memory_nor_a_runner(
+    gateway: Any, monkeypatch: pytest.MonkeyPatch, where: str
+) -> None:
+    """As when the database is away for a moment: other scenes would wait for that memory."""
+    killed = []
+
+    class Child(SimpleNamespace):
+        def __init__(self, scene_id: str, *_: Any) -> None:
+            super().__init__(scene_id=scene_id, alive=True, endpoint="127.0.0.1:9/secret", backend="cpu")
+
+        deaf = False
+
+        def extend(self) -> None: ...
+
+        def idle_s(self) -> float:
+            return 0.0
+
+        def kill(self) -> None:
+            killed.append(self.scene_id)
+
+        def retire(self, _patience_s: float) -> None: ...
+
+    def unavailable(*_: Any) -> None:
+        raise StorageUnavailableError("The database cannot be reached.")
+
+    monkeypatch.setattr(leased_scenes, "RunnerChild", Child)
+    monkeypatch.setattr(leased_scenes, "memory_limit_bytes", lambda _: 4_000_000_000)
+    failing, another = gateway.scene(), gateway.scene()
+    storage = gateway.application.storage
+    scenes = LeasedScenes(storage, "ours")
+    try:
+        with monkeypatch.context() as away:
+            away.setattr(type(storage.leases), where, unavailable)
+            with (
+                pytest.raises(StorageUnavailableError),
+                scenes.with_runner(failing, 3_500_000_000, lambda: False),
+            ):
+                pass
+        assert killed == ([failing] if where == "extend" else [])
         with scenes.with_runner(another, 1_000_000_000, lambda: True) as leased:
             assert leased is not None
     finally:

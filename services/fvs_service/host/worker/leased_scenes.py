@@ -44,8 +44,7 @@ class NoMemoryError(Exception):
 class LeasedScene:
     """A scene that this worker has leased, with its runner.
 
-    ``users`` counts the blocks that use it; its runner is asked from ``ping_from`` on
-    whether it is idle.
+    ``users`` counts the blocks that use it; from ``ping_from`` on its runner is asked whether it is idle.
     """
 
     lease: Lease
@@ -201,14 +200,17 @@ class LeasedScenes:
             self._drop(scene)
             if not reserve():
                 return None
+            scene = None
             try:
-                lease = self._acquire(scene_id, give_up)
-            except NotFoundError:  # the scene was deleted
                 lease = None
-            if lease is None:
-                self._budget.release(scene_id)
-                return None
-            return self._start(lease)
+                with suppress(NotFoundError):  # the scene was deleted
+                    lease = self._acquire(scene_id, give_up)
+                if lease is not None:
+                    scene = self._start(lease)
+                return scene
+            finally:
+                if scene is None:
+                    self._budget.release(scene_id)
 
     def _end_use(self, scene: LeasedScene) -> None:
         """End one use of the scene; after the last one it keeps only the memory of an idle runner."""
@@ -231,15 +233,15 @@ class LeasedScenes:
                 lambda: self._stopping.is_set() or starting.lost(),
             )
         except RunnerGoneError:
-            self._budget.release(lease.scene_id)
             self._storage.leases.release(lease)
             raise
         try:
             scene = LeasedScene(self._storage.leases.extend(lease, child.endpoint), child, users=1)
-        except StaleLeaseError as error:
+        except BaseException as error:
             child.kill()
-            self._budget.release(lease.scene_id)
-            raise RunnerGoneError("Another worker took the scene.") from error
+            if isinstance(error, StaleLeaseError):
+                raise RunnerGoneError("Another worker took the scene.") from error
+            raise
         with self._lock:
             self._scenes[lease.scene_id] = scene
             self.backend = child.backend

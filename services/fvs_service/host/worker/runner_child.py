@@ -134,11 +134,14 @@ class RunnerChild:
             self.extend()
             return give_up()
 
-        line = child_process.first_line(self._process, _START_S, extend_or_give_up, _POLL_S)
-        if not line:
+        try:
+            line = child_process.first_line(self._process, _START_S, extend_or_give_up, _POLL_S)
+            if not line:
+                raise RunnerGoneError(f"The runner of scene {self.scene_id} did not start.")
+            return RunnerStarted.model_validate_json(line)
+        except BaseException:
             self.kill()
-            raise RunnerGoneError(f"The runner of scene {self.scene_id} did not start.")
-        return RunnerStarted.model_validate_json(line)
+            raise
 
 
 def _spawn(log: Path, order: RunnerOrder) -> "subprocess.Popen[str]":
