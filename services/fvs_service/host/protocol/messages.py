@@ -175,7 +175,7 @@ class ModelMade(Record):
 
 
 class SceneWanted(Record):
-    """Another worker asks for the scene."""
+    """Another worker asks for the scene: the worker that receives this gives it up with its job."""
 
     kind: Literal["wanted"] = "wanted"
 

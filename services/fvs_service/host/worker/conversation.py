@@ -109,7 +109,9 @@ class Conversation:
                 case RunnerGoneError() | SceneWanted():
                     if self.stop.outcome is not None:
                         return self.stop.outcome
-                    raise RunnerGoneError("The runner died.")
+                    if isinstance(message, RunnerGoneError):
+                        raise message
+                    raise RunnerGoneError("Another worker asked for the scene.")
                 case None:
                     self._report_silence()
                 case _:

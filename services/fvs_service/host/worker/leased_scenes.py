@@ -373,6 +373,6 @@ class _StartingLease:
 
 
 def _request_yield(endpoint: str) -> None:
-    """Ask another worker's runner to end, which it does unless a job runs."""
+    """Ask another worker's runner to end; where a job runs, that worker gives up the scene."""
     with suppress(RunnerGoneError, RunnerError):
         call(endpoint, YieldScene(), _YIELD_S)
