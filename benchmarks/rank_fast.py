@@ -19,12 +19,11 @@ import numpy as np
 from measurement import report
 from room import candidates as room_candidates
 from room import scene as room
-from scipy.spatial.transform import Rotation
+from scipy.spatial.transform import Rotation, Slerp
 from scipy.stats import spearmanr
 
 from fvs_engine.candidates import CandidateScore
 from fvs_engine.geometry import RigidTransform, look_at
-from fvs_engine.geometry.paths import interpolate
 from fvs_engine.pipeline.model import open_model
 from fvs_engine.score import MedianFrequency, MedianFrequencyEstimate, MedianFrequencyFast, Scorer, rank
 from fvs_engine.splat.gaussians import Gaussians
@@ -46,13 +45,12 @@ def beside(views: list[PinholeView], count: int, seed: int) -> list[PinholeView]
     for first in draw.integers(0, len(views), count):
         near = np.argsort(np.linalg.norm(centres - centres[first], axis=1))
         second = near[draw.integers(1, 1 + NEIGHBOURS)]
-        between = interpolate(
-            views[first].camera_from_model.inverse(),
-            views[second].camera_from_model.inverse(),
-            draw.uniform(),
-        )
-        turned = between.rotation @ Rotation.from_rotvec(draw.normal(0, BESIDE, 3)).as_matrix()
-        moved = between.translation + draw.normal(0, BESIDE * spread, 3)
+        ends = [views[number].camera_from_model.inverse() for number in (first, second)]
+        share = draw.uniform()
+        turn = Slerp([0, 1], Rotation.from_matrix(np.stack([end.rotation for end in ends])))(share)
+        place = (1.0 - share) * ends[0].translation + share * ends[1].translation
+        turned = turn.as_matrix() @ Rotation.from_rotvec(draw.normal(0, BESIDE, 3)).as_matrix()
+        moved = place + draw.normal(0, BESIDE * spread, 3)
         poses.append(RigidTransform(turned, moved).inverse())
     return _named(poses, views)
 

@@ -329,7 +329,7 @@ def _sequence(title: str, names: Sequence[str], steps: Sequence[tuple[int, int, 
 
 
 def photograph() -> str:
-    """A photograph, from its upload to the first Gaussians that show it."""
+    """What happens to a photograph between its upload and the first model trained on it."""
     return _sequence(
         "The way of a photograph",
         ["client", "gateway", "inspector", "storage", "worker", "runner", "SfM child"],

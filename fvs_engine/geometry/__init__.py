@@ -9,13 +9,8 @@ from fvs_engine.geometry.alignment.similarity import (
 from fvs_engine.geometry.cameras import CAMERA_MODELS, Camera, DistortedCamera, PinholeCamera
 from fvs_engine.geometry.level import level_axes
 from fvs_engine.geometry.look_at import OPENGL_FROM_OPENCV, look_at, look_at_from_each
-from fvs_engine.geometry.paths import interpolate, smooth_path
-from fvs_engine.geometry.rotations import (
-    angle_between,
-    matrix_from_quaternion,
-    quaternion_from_matrix,
-    slerp,
-)
+from fvs_engine.geometry.paths import halfway_between_neighbours, smooth_path
+from fvs_engine.geometry.rotations import angle_between, matrix_from_quaternion, quaternion_from_matrix
 from fvs_engine.geometry.transforms import RigidTransform, SimilarityTransform
 
 __all__ = [
@@ -29,14 +24,13 @@ __all__ = [
     "SimilarityTransform",
     "alignment_report",
     "angle_between",
-    "interpolate",
+    "halfway_between_neighbours",
     "level_axes",
     "look_at",
     "look_at_from_each",
     "matrix_from_quaternion",
     "quaternion_from_matrix",
     "robust_umeyama",
-    "slerp",
     "smooth_path",
     "umeyama",
 ]

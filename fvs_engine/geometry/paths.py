@@ -1,26 +1,41 @@
-"""Paths of cameras: interpolation between two, and a smooth path through many."""
+"""Cameras between given ones: halfway between neighbours, and a smooth path through many."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.geometry.rotations import (
-    angle_between,
-    matrix_from_quaternion,
-    quaternion_from_matrix,
-    slerp,
-)
+from fvs_engine.geometry.rotations import angle_between, matrix_from_quaternion, quaternion_from_matrix
 from fvs_engine.geometry.transforms import RigidTransform
 
+_NEIGHBOURS = 2
 
-def interpolate(first: RigidTransform, second: RigidTransform, t: float) -> RigidTransform:
-    """The model_from_camera ``t`` of the way between two: a straight line and a steady turn."""
-    quaternions = quaternion_from_matrix(np.stack([first.rotation, second.rotation]))
-    return RigidTransform(
-        matrix_from_quaternion(slerp(quaternions[0], quaternions[1], t)),
-        (1.0 - t) * first.translation + t * second.translation,
-    )
+
+def halfway_between_neighbours(
+    model_from_cameras: Sequence[RigidTransform],
+) -> dict[tuple[int, int], RigidTransform]:
+    """A camera halfway between every camera and the two nearest to it, by the pair's sorted indices.
+
+    Its position is the middle of theirs, its rotation is halfway along the shorter arc.
+    """
+    from scipy.spatial import KDTree  # slow to import
+
+    if len(model_from_cameras) < 2:
+        return {}
+    centres = np.stack([camera.translation for camera in model_from_cameras])
+    _, nearest = KDTree(centres).query(centres, k=min(_NEIGHBOURS + 1, len(centres)))
+    pairs: set[tuple[int, int]] = set()
+    for index, near in enumerate(nearest.tolist()):
+        for other in [number for number in near if number != index][:_NEIGHBOURS]:
+            pairs.add((min(index, other), max(index, other)))
+    ordered = sorted(pairs)
+    first, second = np.array(ordered).T
+    quaternions = quaternion_from_matrix(np.stack([camera.rotation for camera in model_from_cameras]))
+    # The rotation halfway along the shorter arc is the sum of the unit quaternions with equal signs.
+    nearer = np.where(np.sum(quaternions[first] * quaternions[second], axis=1, keepdims=True) < 0, -1.0, 1.0)
+    rotations = matrix_from_quaternion(quaternions[first] + nearer * quaternions[second])
+    middles = 0.5 * (centres[first] + centres[second])
+    return dict(zip(ordered, map(RigidTransform, rotations, middles), strict=True))
 
 
 def smooth_path(model_from_cameras: Sequence[RigidTransform], count: int) -> tuple[RigidTransform, ...]:

@@ -49,19 +49,6 @@ def angle_between(first: ArrayLike, second: ArrayLike) -> Array:
     return np.asarray(flat.magnitude().reshape(turn.shape[:-2]))
 
 
-def slerp(first_wxyz: ArrayLike, second_wxyz: ArrayLike, t: ArrayLike) -> Array:
-    """Turn at constant speed the short way from ``first`` (t = 0) to ``second`` (t = 1).
-
-    ``first_wxyz`` and ``second_wxyz`` are quaternions [4]; ``t`` [...] gives unit quaternions [..., 4].
-    Source: Shoemake, "Animating rotation with quaternion curves", 1985.
-    """
-    first, second = _rotation(first_wxyz), _rotation(second_wxyz)
-    whole_turn = (first.inv() * second).as_rotvec()  # of length ≤ π, hence the short way
-    steps = np.asarray(t, dtype=np.float64)
-    turned = first * _scipy().from_rotvec(steps.reshape(-1, 1) * whole_turn)
-    return np.asarray(turned.as_quat(canonical=True, scalar_first=True).reshape(*steps.shape, 4))
-
-
 def _rotation(quaternion_wxyz: ArrayLike) -> "Rotation":
     quaternion = points_array("quaternion_wxyz", quaternion_wxyz, 4)
     if not np.isfinite(quaternion).all() or (np.linalg.norm(quaternion, axis=-1) < 1e-150).any():

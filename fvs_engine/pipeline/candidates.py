@@ -14,7 +14,7 @@ from fvs_engine.geometry import (
     PinholeCamera,
     RigidTransform,
     angle_between,
-    interpolate,
+    halfway_between_neighbours,
     matrix_from_quaternion,
     robust_umeyama,
 )
@@ -125,26 +125,14 @@ def candidates_of(
 
 
 def candidates_between(views: Sequence[PinholeView]) -> tuple[PinholeView, ...]:
-    """Candidates halfway between neighbouring views.
-
-    Every view is paired with the two nearest to it; each pair gives one candidate, which is
-    named after both.
-    """
-    centres = np.stack([view.centre for view in views])
+    """Candidates halfway between every view and the two nearest to it, each named after its pair."""
     camera = usual_camera(views)
     names = _short_names(views)
-    pairs: set[tuple[int, int]] = set()
-    for index, centre in enumerate(centres):
-        nearest = np.argsort(np.linalg.norm(centres - centre, axis=1), kind="stable")
-        for other in [int(number) for number in nearest if number != index][:2]:
-            pairs.add((min(index, other), max(index, other)))
-    candidates = []
-    for first, second in sorted(pairs):
-        between = interpolate(
-            views[first].camera_from_model.inverse(), views[second].camera_from_model.inverse(), 0.5
-        )
-        candidates.append(PinholeView(f"{names[first]}–{names[second]}", camera, between.inverse()))
-    return tuple(candidates)
+    between = halfway_between_neighbours([view.camera_from_model.inverse() for view in views])
+    return tuple(
+        PinholeView(f"{names[first]}–{names[second]}", camera, pose.inverse())
+        for (first, second), pose in between.items()
+    )
 
 
 def candidates_at(views: Sequence[PinholeView], camera: PinholeCamera) -> tuple[PinholeView, ...]:

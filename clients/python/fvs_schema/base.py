@@ -69,7 +69,7 @@ class Input(Model):
             except ValidationError as error:
                 raise InvalidInput(error, fields, type(self)) from None
 
-        # Only whoever makes an object gets here, not pydantic for the parts of one.
+        # pydantic does not call this constructor for the parts of an object.
         __init__.__pydantic_base_init__ = True
 
 

@@ -105,7 +105,7 @@ class InVolume(Input):
     """The generator's name."""
     volume: Volume
     """Where they are."""
-    count: Annotated[int, Field(strict=True, ge=1, le=2_000), WHOLE] = 300
+    count: _PoseCount = 300
     """How many poses, at most."""
     look: Literal["middle", "nearest"] = "middle"
     """What they look at: the middle of the model, or for each the part of it that is nearest."""
@@ -126,6 +126,31 @@ def wanted_of(generator: "Generator | None") -> int | None:
     return generator.count if isinstance(generator, InVolume) else None
 
 
+Candidates = Annotated[
+    tuple[Candidate, ...], Field(min_length=1, fail_fast=True), within("candidates_per_ranking")
+]
 Generator = Annotated[Orbit | Grid | Dataset | AroundCurrent | InVolume, Field(discriminator="kind")]
 SafetyDistance = Annotated[Number, Field(ge=0, le=MAX_COORDINATE_M)]
 Zones = Annotated[tuple[Volume, ...], Field(fail_fast=True), within(_MOST_ZONES)]
+
+
+class CandidatesRequest(Input):
+    """Base of requests with candidates: `candidates`, or those of a `generator`; by default an orbit."""
+
+    candidates: Candidates | None = None
+    """Poses of your own; not with a `generator`."""
+    generator: Generator | None = None
+    """A rule that makes the candidates; not with `candidates`."""
+
+    @model_validator(mode="after")
+    def _one_source(self) -> Self:
+        if self.candidates is not None and self.generator is not None:
+            raise of_fields("give either candidates or a generator, not both", "candidates", "generator")
+        return self
+
+    @property
+    def complete(self) -> Self:
+        """The same request with a generator, where it has neither that nor candidates."""
+        if self.candidates is None and self.generator is None:
+            return self.model_copy(update={"generator": Orbit()})
+        return self

@@ -1,5 +1,7 @@
 """Checks that several inputs share: errors about several fields, and lists of a bounded length."""
 
+from collections.abc import Iterable
+
 from pydantic import BeforeValidator, ValidationInfo
 from pydantic_core import PydanticCustomError
 
@@ -28,3 +30,12 @@ def within(limit: str | int) -> BeforeValidator:
 def of_fields(message: str, *fields: str) -> PydanticCustomError:
     """The error of a model's validator for ``fields`` that contradict each other, or are missing together."""
     return PydanticCustomError(OF_FIELDS, "{message}", {"message": message, "fields": fields})
+
+
+def require_different(ids: Iterable[str], field: str) -> None:
+    """Raise the error of a model's validator unless all ids of the items in ``field`` are different."""
+    seen: set[str] = set()
+    for item in ids:
+        if item in seen:
+            raise of_fields(f"two {field} have the id {item}", field)
+        seen.add(item)

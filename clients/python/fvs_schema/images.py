@@ -236,7 +236,7 @@ class Image(Output):
     height_px: Count | None
     """Height; null when it is unreadable."""
     focal_length_px: PositiveNumber | None
-    """The focal length that its EXIF or the scene tells; null without one."""
+    """The focal length from its EXIF data or the scene's prior; null without one."""
     sharpness: Number | None
     """How sharp it is, for comparison with others of the scene; null when it is not accepted."""
     prior: Prior | None

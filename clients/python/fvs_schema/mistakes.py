@@ -3,7 +3,7 @@
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 from difflib import get_close_matches
-from itertools import pairwise
+from itertools import islice, pairwise
 from typing import Any
 
 from pydantic import BaseModel, ValidationError
@@ -70,7 +70,7 @@ class InvalidInput(ValueError):  # noqa: N818 - a value that does not fit, not a
 
 def found_in(errors: Sequence[ErrorDetails], given: object) -> tuple[FieldError, ...]:
     """The invalid parts of ``given``, at least one."""
-    found = _of_the_sender(errors)[:_MAX_FIELDS]
+    found = _of_the_sender(errors)
     return field_errors(
         found, (_path(each["loc"], given, missing=each["type"] == "missing") for each in found)
     )
@@ -79,9 +79,9 @@ def found_in(errors: Sequence[ErrorDetails], given: object) -> tuple[FieldError,
 def field_errors(
     errors: Iterable[Mapping[str, Any]], paths: Iterable[Iterable[str | int]]
 ) -> tuple[FieldError, ...]:
-    """The invalid fields that pydantic's ``errors`` are about, which are at these ``paths``."""
+    """The invalid fields that the first of pydantic's ``errors`` are about, which are at these ``paths``."""
     found: dict[FieldError, None] = {}  # dependencies may share a parameter
-    for error, path in zip(errors, paths, strict=True):
+    for error, path in islice(zip(errors, paths, strict=True), _MAX_FIELDS):
         found.update(dict.fromkeys(_fields(error, tuple(path))))
     return tuple(found)
 

@@ -4,9 +4,18 @@ from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from fvs_schema.base import Input, Listing, Output, Timestamp
-from fvs_schema.candidates import Candidate, Dataset, Grid, InVolume, Orbit, SafetyDistance, Zones
-from fvs_schema.checks import of_fields, within
+from fvs_schema.base import Listing, Output, Timestamp
+from fvs_schema.candidates import (
+    Candidates,
+    CandidatesRequest,
+    Dataset,
+    Grid,
+    InVolume,
+    Orbit,
+    SafetyDistance,
+    Zones,
+)
+from fvs_schema.checks import require_different, within
 from fvs_schema.findings import Notice
 from fvs_schema.names import VehicleName
 from fvs_schema.poses import Pose, PoseFrame, frame_of
@@ -15,15 +24,11 @@ from fvs_schema.scenes import Alignment, Origin
 
 _MOST_VEHICLES = 20
 
-
 PlanGenerator = Annotated[Orbit | Grid | Dataset | InVolume, Field(discriminator="kind")]
-_Candidates = Annotated[
-    tuple[Candidate, ...], Field(min_length=1, fail_fast=True), within("candidates_per_ranking")
-]
 _Vehicles = Annotated[tuple[Pose, ...], Field(min_length=1, fail_fast=True), within(_MOST_VEHICLES)]
 
 
-class PlanRequest(Input):
+class PlanRequest(CandidatesRequest):
     """Candidates to plan with: `candidates`, or those of a `generator`; by default an orbit.
 
     Lengths are in the unit of the scene's world frame: metres once it is georeferenced.
@@ -57,11 +62,9 @@ class PlanRequest(Input):
         }
     )
 
-    candidates: _Candidates | None = None
-    """Poses of your own; not with a `generator`."""
     generator: PlanGenerator | None = None
     """A rule that makes the candidates; not with `candidates`."""
-    targets: _Candidates | None = None
+    targets: Candidates | None = None
     """Poses that the model must serve well; by default those of the registered images and the candidates."""
     views: Annotated[int, Field(strict=True, ge=1, le=100), WHOLE] = 10
     """Maximum number of photographs, of all vehicles together."""
@@ -85,21 +88,8 @@ class PlanRequest(Input):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        if self.candidates is not None and self.generator is not None:
-            raise of_fields("give either candidates or a generator, not both", "candidates", "generator")
-        for poses, what in ((self.candidates, "candidates"), (self.targets, "targets")):
-            seen: set[str] = set()
-            for pose in poses or ():
-                if pose.id in seen:
-                    raise of_fields(f"two {what} have the id {pose.id}", what)
-                seen.add(pose.id)
-        return self
-
-    @property
-    def complete(self) -> Self:
-        """The same request with a generator, where it has neither that nor candidates."""
-        if self.candidates is None and self.generator is None:
-            return self.model_copy(update={"generator": Orbit()})
+        require_different((pose.id for pose in self.candidates or ()), "candidates")
+        require_different((pose.id for pose in self.targets or ()), "targets")
         return self
 
     @property
@@ -223,7 +213,7 @@ class Plan(Output):
 
 
 class PlanSummary(Output):
-    """What a list tells of a plan."""
+    """A plan as it appears in a list."""
 
     id: str
     """The plan's id."""

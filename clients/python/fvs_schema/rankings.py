@@ -5,17 +5,15 @@ from typing import Annotated, Self
 
 from pydantic import ConfigDict, Field, model_validator
 
-from fvs_schema.base import Input, Listing, Output, Timestamp
+from fvs_schema.base import Listing, Output, Timestamp
 from fvs_schema.candidates import (
     AroundCurrent,
-    Candidate,
+    CandidatesRequest,
     CandidateStatus,
-    Generator,
-    Orbit,
     SafetyDistance,
     Zones,
 )
-from fvs_schema.checks import of_fields, within
+from fvs_schema.checks import of_fields, require_different
 from fvs_schema.findings import Notice
 from fvs_schema.names import VehicleName
 from fvs_schema.poses import Pose, PoseFrame, frame_of
@@ -26,7 +24,7 @@ from fvs_schema.words import Method
 _FEW_CANDIDATES = 100
 
 
-class RankingRequest(Input):
+class RankingRequest(CandidatesRequest):
     """Candidates to rank: `candidates`, or those of a `generator`; by default an orbit.
 
     Lengths are in the unit of the scene's world frame: metres once it is georeferenced.
@@ -67,17 +65,6 @@ class RankingRequest(Input):
         }
     )
 
-    candidates: (
-        Annotated[
-            tuple[Candidate, ...],
-            Field(min_length=1, fail_fast=True),
-            within("candidates_per_ranking"),
-        ]
-        | None
-    ) = None
-    """Poses of your own; not with a `generator`."""
-    generator: Generator | None = None
-    """A rule that makes the candidates; not with `candidates`."""
     current_pose: Pose | None = None
     """Where the camera is now; needed for `radius_m` and for `around-current`."""
     radius_m: Length | None = None
@@ -109,19 +96,13 @@ class RankingRequest(Input):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        if self.candidates is not None and self.generator is not None:
-            raise of_fields("give either candidates or a generator, not both", "candidates", "generator")
         if self.radius_m is not None and self.current_pose is None:
             raise of_fields("radius_m needs a current_pose to be measured from", "current_pose")
         if isinstance(self.generator, AroundCurrent):
             missing = [name for name in ("current_pose", "radius_m") if getattr(self, name) is None]
             if missing:
                 raise of_fields("around-current needs current_pose and radius_m", *missing)
-        seen: set[str] = set()
-        for candidate in self.candidates or ():
-            if candidate.id in seen:
-                raise of_fields(f"two candidates have the id {candidate.id}", "candidates")
-            seen.add(candidate.id)
+        require_different((candidate.id for candidate in self.candidates or ()), "candidates")
         return self
 
     @property
@@ -130,13 +111,6 @@ class RankingRequest(Input):
         poses = (*(candidate.pose for candidate in self.candidates or ()), self.current_pose)
         given = self.candidates is not None and not self.no_fly and self.frame in (None, "model")
         return given and all(pose is None or frame_of(pose) == "model" for pose in poses)
-
-    @property
-    def complete(self) -> Self:
-        """The same request with a generator, where it has neither that nor candidates."""
-        if self.candidates is None and self.generator is None:
-            return self.model_copy(update={"generator": Orbit()})
-        return self
 
 
 class ScoredCandidate(Output):
@@ -214,7 +188,7 @@ class Ranking(Output):
 
 
 class RankingSummary(Output):
-    """What a list tells of a ranking."""
+    """A ranking as it appears in a list."""
 
     id: str
     """The ranking's id."""

@@ -197,7 +197,7 @@ class SceneSize(Output):
     working_bytes: Count
     """The worker's files when its last job ended; a worker makes most of them again when they are lost."""
     total_bytes: Count
-    """All of it."""
+    """The sum of these."""
 
 
 class AlignmentStatus(Word):

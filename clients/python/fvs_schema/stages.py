@@ -4,9 +4,9 @@ from fvs_schema.words import Word
 
 
 class Stage(Word):
-    """What a long computation does now: the stages of jobs as they follow each other, then those of commands.
+    """What a long computation does now: the stages of jobs in their order, then those of commands.
 
-    Not every job has each.
+    No job goes through all of them.
     """
 
     START = "start"
@@ -20,7 +20,7 @@ class Stage(Word):
     COMPILE = "compile"
     """Compile the kernels, once on a machine."""
     FIRST_MODEL = "first-model"
-    """All that an update of a new scene's first images alone would do, up to a quick model."""
+    """Make a quick model of a new scene's first images."""
     FEATURES = "features"
     PAIRS = "pairs"
     MATCHING = "matching"

@@ -6,7 +6,7 @@ from pydantic import ConfigDict, Field, model_validator
 
 from fvs_schema.base import Input, Output, Timestamp
 from fvs_schema.candidates import Candidate
-from fvs_schema.checks import of_fields, within
+from fvs_schema.checks import require_different, within
 from fvs_schema.names import CandidateId, VehicleName
 from fvs_schema.poses import Pose
 from fvs_schema.quantities import WHOLE
@@ -65,11 +65,7 @@ class VisitReport(Input):
 
     @model_validator(mode="after")
     def _consistent(self) -> Self:
-        seen: set[str] = set()
-        for view in self.views:
-            if view.id in seen:
-                raise of_fields(f"two views have the id {view.id}", "views")
-            seen.add(view.id)
+        require_different((view.id for view in self.views), "views")
         return self
 
 

@@ -6,13 +6,12 @@ from pydantic import ValidationError
 from fvs_schema.mistakes import field_errors, found_in, summary
 from fvs_service.errors import InvalidRequestError
 
-_MAX_FIELDS = 16
 _HINT = "GET /openapi.json describes the request."
 
 
 def invalid_request(error: RequestValidationError) -> InvalidRequestError:
     """The error for path, query and headers that do not fit."""
-    found = error.errors()[:_MAX_FIELDS]
+    found = error.errors()
     fields = field_errors(found, (item["loc"][1:] for item in found))
     return InvalidRequestError(summary(found, fields), errors=fields, hint=_HINT)
 

@@ -44,7 +44,7 @@ def export_images(blobs: Blobs, images: tuple[Image, ...], folder: Path) -> dict
 def file_name(image: Image) -> str:
     """The name of an image's file for the engine."""
     suffix = {"JPEG": ".jpg", "MPO": ".jpg", "PNG": ".png", "TIFF": ".tif", "WEBP": ".webp", "BMP": ".bmp"}
-    return file_stem(image.number, image.digest.removeprefix("sha256:")) + suffix[image.format or "JPEG"]
+    return file_stem(image.number, image.sha256) + suffix[image.format or "JPEG"]
 
 
 def file_stem(number: int, sha256: str) -> str:

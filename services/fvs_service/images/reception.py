@@ -31,18 +31,18 @@ class Reception:
     def __init__(self, app: Application, metrics: Metrics, caller: Principal, upload: Upload) -> None:
         self._app, self._metrics, self._caller, self._upload = app, metrics, caller, upload
         self._digest: str | None = None
-        """That of all bytes, once they have arrived in one request."""
+        """The digest of all bytes, when they have arrived in one request."""
 
     async def offset(self) -> int:
         """The offset at which the upload continues; if all bytes have arrived, the image has been stored.
 
-        Only then: a gateway that was killed between both must not tell the client that it is done.
+        A gateway may have been killed between the last byte and the storing: so the image is stored first.
         """
         arrived = await run_sync(self._arrived)
         if arrived is not None and arrived < self._upload.size_bytes:
             return arrived
-        async with self._app.upload_locks.locked(self._upload.id):  # of who may be storing it
-            arrived = await run_sync(self._arrived)  # who may have stored it, or found it damaged
+        async with self._app.upload_locks.locked(self._upload.id):  # another request may be storing it
+            arrived = await run_sync(self._arrived)  # it may be stored by now, or found damaged
             if arrived is None:
                 raise unknown_upload()
             if arrived == self._upload.size_bytes:
@@ -118,7 +118,7 @@ class Reception:
         """Write the body; returns where it ends."""
         hashed = None if checksum is None else checksum.hash()
         with contextlib.ExitStack() as stack:
-            # The thread enters it: it is left also when the request ends meanwhile.
+            # The thread enters the context, so that it is left even if the request ends meanwhile.
             def opened() -> Writer:
                 return stack.enter_context(
                     self._app.uploads.writer(self._upload, offset, hashed, begin=begin)

@@ -13,9 +13,6 @@ _HEX = len("sha256:")
 _LEFT_OUT = [registration.value for registration in Registration if registration.left_out]
 _VARIABLES = 500
 """Databases limit the values in one query."""
-_UNREGISTERED_HINT = (
-    "Photograph what lies between it and the other images; it is tried again when those around it change."
-)
 
 
 def add_image(session: Session, image: Image, pixels_sha256: str | None) -> None:

@@ -1,7 +1,7 @@
 """Locks of uploads: one request at a time writes to an upload.
 
-A device whose link broke comes back while the service still waits for the rest of its last request: that one
-gives way once nothing of it arrives.
+A device whose link broke may come back while the service still waits for the rest of its last request. That
+request gives way once its bytes have stopped arriving.
 """
 
 import asyncio
@@ -38,10 +38,10 @@ class UploadLocks:
         waits: bool = False,
         by_force: bool = False,
     ) -> AsyncIterator[None]:
-        """Hold the lock of an upload; ``place`` is that of a request which receives bytes of it.
+        """Hold the lock of an upload; a request that receives bytes of it gives its ``place``.
 
-        For a request that receives bytes, too, raises ``LockedError`` while another does, unless it
-        ``waits``. Other requests wait for that one, or with ``by_force`` end it.
+        Such a request raises ``LockedError`` while another one receives bytes, unless it ``waits``. All other
+        requests wait for that one, or end it (``by_force``).
         """
         while (other := self._locks.get(upload_id)) is not None:
             if other.place is not None and other.place.arriving:

@@ -1,8 +1,8 @@
-"""The store of uploads: what has arrived of each image, over whichever transport, for any of them to go on.
+"""The store of uploads: the bytes that have arrived of each image; any transport may send the rest.
 
 An upload is a file in a folder of its tenant. The file's name is the upload's id, which says which image of
-which scene it is; its length is the offset at which the upload continues. So nothing is to be recovered after
-a crash; bytes that a power cut has damaged are found by the image's digest. An upload that was created by
+which scene it is; its length is the offset at which the upload continues. So nothing needs recovery after a
+crash; bytes that a power cut has damaged are found by the image's digest. An upload that was created by
 itself (tus) has its metadata in a second file; over other transports they come with each request.
 """
 
@@ -68,7 +68,7 @@ class PartialUpload(Model):
 class Uploads:
     """The folder of uploads; a tenant may have ``per_tenant`` unfinished ones, each for ``keep_s``.
 
-    When a tenant has that many, a new one replaces the smallest of those that nothing has arrived of for
+    When a tenant has that many, a new one replaces the smallest of those that have received nothing for
     ``spared_s``.
     """
 
@@ -199,7 +199,7 @@ class Uploads:
         _remove(self._part(upload))
 
     def remove_scene(self, tenant_id: str, scene_id: str) -> None:
-        """Delete the uploads of a scene that is gone; a request that sends one writes to no file any more."""
+        """Delete the uploads of a deleted scene; what a running request still writes is lost."""
         for path in self._tenant(tenant_id).glob(f"upl_{scene_id}_*"):
             with contextlib.suppress(OSError):  # what stays expires
                 path.unlink(missing_ok=True)
@@ -258,7 +258,7 @@ class Uploads:
     def _left_s(self, part: Path) -> float:
         """Time for which an upload is still spared, never more than ``spared_s``."""
         left_s = _changed(part) + self._spared_s - time.time()
-        # A file from further ahead was written before the clock was set back: how long ago, nobody knows.
+        # A later time means that the clock was set back after the write; its age is unknown.
         return 0.0 if left_s > 2 * self._spared_s else min(left_s, self._spared_s)
 
     @contextlib.contextmanager

@@ -2,7 +2,7 @@
 
 A *job* is what a client asked for. An *attempt* at it begins when it is submitted or retried, and ends when
 the job succeeds, fails or is canceled; attempts are numbered from 1. A *turn* is the time for which a worker
-has the job: an attempt has as many as it needs, because other jobs have theirs in between.
+has the job: an attempt may need several, because other jobs have turns in between.
 
               submit: client
                     │
@@ -22,7 +22,7 @@ has the job: an attempt has as many as it needs, because other jobs have theirs 
     └───────────────────┴────────────────────────────┘
                           retry: client, attempt + 1
 
-Where a process died, a worker starts a running job again: it is running still.
+After a process has died, a worker starts a running job again: it stays running.
 
 While it is queued or running, it waits for a turn or is in one:
 

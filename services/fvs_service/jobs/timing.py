@@ -13,7 +13,7 @@ from fvs_service.jobs.stages import FIRST_IMAGES, JobSize, has_first_model, stag
 from fvs_service.storage.tables import JobMilestoneRow, JobRow
 
 TIMING = "timing"
-"""The name under which a job's timing is recorded among its finished stages."""
+"""The name of the milestone with a job's timing."""
 _RECENT = 12
 
 

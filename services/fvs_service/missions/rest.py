@@ -21,21 +21,16 @@ _JSON: dict[str, dict[str, Any]] = {
 }
 _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _KINDS = {writer.media_type.partition(";")[0] for writer in WRITERS.values()}
-_FILES = {
-    200: {
-        "description": "The file. `Left-Out` names the views that are not in it, separated by commas; "
-        "`Left-Out-Reasons` is a JSON array of why the first of them are not, in the same order.",
-        # Generators that take the first for all can read each as bytes or text, but not as JSON.
-        "content": dict.fromkeys(sorted(_KINDS - _JSON.keys()), _BINARY) | _JSON,
-    }
+_CONTENT = {
+    "description": "The file. `Left-Out` names the views that are not in it, separated by commas; "
+    "`Left-Out-Reasons` is a JSON array of why the first of them are not, in the same order.",
+    # Generators that take the first for all can read each as bytes or text, but not as JSON.
+    "content": dict.fromkeys(sorted(_KINDS - _JSON.keys()), _BINARY) | _JSON,
 }
+_FILE: dict[str, Any] = {"response_class": Response, "responses": {200: _CONTENT}}
 
 
-@router.get(
-    "/rankings/{ranking_id}/mission",
-    response_class=Response,
-    responses=_FILES,  # type: ignore[arg-type]
-)
+@router.get("/rankings/{ranking_id}/mission", **_FILE)
 def get_ranking_mission(
     app: App, caller: Caller, ranking_id: RankingId, options: Annotated[MissionOptions, Query()]
 ) -> Response:
@@ -43,11 +38,7 @@ def get_ranking_mission(
     return _response(app.missions.of_ranking(caller, ranking_id, options))
 
 
-@router.get(
-    "/plans/{plan_id}/mission",
-    response_class=Response,
-    responses=_FILES,  # type: ignore[arg-type]
-)
+@router.get("/plans/{plan_id}/mission", **_FILE)
 def get_plan_mission(
     app: App, caller: Caller, plan_id: PlanId, options: Annotated[PlanMissionOptions, Query()]
 ) -> Response:
@@ -55,11 +46,7 @@ def get_plan_mission(
     return _response(app.missions.of_plan(caller, plan_id, options))
 
 
-@router.post(
-    "/scenes/{scene_id}/missions",
-    response_class=Response,
-    responses=_FILES,  # type: ignore[arg-type]
-)
+@router.post("/scenes/{scene_id}/missions", **_FILE)
 async def create_mission(
     app: App,
     caller: Caller,

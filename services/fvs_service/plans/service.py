@@ -7,7 +7,6 @@ from typing import TypeAlias
 from anyio.to_thread import run_sync
 
 from fvs_engine.geometry import RigidTransform
-from fvs_engine.plan import plan_records
 from fvs_engine.plan import plan_records as engine_records
 from fvs_schema.base import Page
 from fvs_schema.candidates import InVolume, wanted_of
@@ -295,7 +294,7 @@ def _terms(plan: engine_records.Plan, scale: float) -> tuple[CandidateTerms, ...
     )
 
 
-def _expectation(expectation: plan_records.Expectation) -> Expectation:
+def _expectation(expectation: engine_records.Expectation) -> Expectation:
     forecast = expectation.forecast
     return Expectation(
         variance=expectation.variance,

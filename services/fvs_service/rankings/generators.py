@@ -5,12 +5,7 @@ from typing import TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.geometry import (
-    RigidTransform,
-    look_at_from_each,
-    matrix_from_quaternion,
-    quaternion_from_matrix,
-)
+from fvs_engine.geometry import RigidTransform, halfway_between_neighbours, look_at_from_each
 from fvs_schema.candidates import AroundCurrent, Dataset, Grid, Orbit
 from fvs_service.errors import InvalidRequestError
 from fvs_service.rankings.scene_geometry import SceneGeometry
@@ -20,7 +15,6 @@ Candidates = dict[str, RigidTransform]
 FromImages: TypeAlias = Orbit | Grid | Dataset | AroundCurrent
 """Generators that need the poses of images only; ``InVolume`` needs the model, which a runner has."""
 
-_NEIGHBOURS = 2
 _GOLDEN_ANGLE_RAD = np.pi * (3.0 - np.sqrt(5.0))
 
 
@@ -78,22 +72,10 @@ def _grid(grid: Grid, scene: SceneGeometry) -> Candidates:
 
 
 def _between(scene: SceneGeometry) -> Candidates:
-    centres = scene.centres
-    if len(centres) < 2:
-        return {}
-    _, nearest = scene.tree.query(centres, k=min(_NEIGHBOURS + 1, len(centres)))
-    pairs: set[tuple[int, int]] = set()
-    for index, near in enumerate(nearest.tolist()):
-        for other in [number for number in near if number != index][:_NEIGHBOURS]:
-            pairs.add((min(index, other), max(index, other)))
-    first, second = np.array(sorted(pairs)).T
-    quaternions = quaternion_from_matrix(np.stack([camera.rotation for camera in scene.cameras]))
-    # The rotation halfway along the shorter arc is the sum of the unit quaternions with equal signs.
-    nearer = np.where(np.sum(quaternions[first] * quaternions[second], axis=1, keepdims=True) < 0, -1.0, 1.0)
-    rotations = matrix_from_quaternion(quaternions[first] + nearer * quaternions[second])
-    names = [f"between-{one:04d}-{other:04d}" for one, other in zip(first, second, strict=True)]
-    middles = 0.5 * (centres[first] + centres[second])
-    return dict(zip(names, map(RigidTransform, rotations, middles), strict=True))
+    return {
+        f"between-{first:04d}-{second:04d}": pose
+        for (first, second), pose in halfway_between_neighbours(scene.cameras).items()
+    }
 
 
 def _ball(generator: AroundCurrent, scene: SceneGeometry, current: Array, radius: float) -> Candidates:

@@ -12,7 +12,7 @@ from fvs_engine.geometry import (
     PinholeCamera,
     RigidTransform,
     angle_between,
-    interpolate,
+    halfway_between_neighbours,
     look_at,
     look_at_from_each,
     smooth_path,
@@ -76,15 +76,22 @@ def test_opengl_cameras_look_along_minus_z_with_y_up():
     np.testing.assert_array_equal((OPENGL_FROM_OPENCV @ OPENGL_FROM_OPENCV).matrix, np.eye(4))
 
 
-@given(seed=st.integers(0, 10_000), t=st.floats(0, 1))
-def test_interpolation_moves_and_turns_in_proportion(seed, t):
+@given(seed=st.integers(0, 10_000))
+def test_halfway_is_half_the_move_and_half_the_turn_the_short_way(seed):
     generator = np.random.default_rng(seed)
     first, second = random_camera(generator), random_camera(generator)
-    between = interpolate(first, second, t)
-    moved = np.linalg.norm(between.translation - first.translation)
-    assert moved == pytest.approx(t * np.linalg.norm(second.translation - first.translation), abs=1e-9)
-    turned = angle_between(first.rotation, between.rotation)
-    assert turned == pytest.approx(t * angle_between(first.rotation, second.rotation), abs=1e-7)
+    (between,) = halfway_between_neighbours([first, second]).values()
+    np.testing.assert_allclose(between.translation, (first.translation + second.translation) / 2)
+    whole = angle_between(first.rotation, second.rotation)
+    assert angle_between(first.rotation, between.rotation) == pytest.approx(whole / 2, abs=1e-7)
+    assert angle_between(between.rotation, second.rotation) == pytest.approx(whole / 2, abs=1e-7)
+
+
+def test_every_camera_is_paired_with_the_two_nearest():
+    places = [0.0, 1.0, 2.1, 3.3, 9.0]
+    row = [RigidTransform(np.eye(3), np.array([x, 0, 0])) for x in places]
+    assert list(halfway_between_neighbours(row)) == [(0, 1), (0, 2), (1, 2), (1, 3), (2, 3), (2, 4), (3, 4)]
+    assert halfway_between_neighbours(row[:1]) == {}
 
 
 @given(seed=st.integers(0, 10_000), keys=st.integers(2, 8))

@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.geometry import angle_between, matrix_from_quaternion, quaternion_from_matrix, slerp
+from fvs_engine.geometry import matrix_from_quaternion, quaternion_from_matrix
 
 numbers = st.floats(-10, 10)
 quaternions = (
@@ -44,22 +44,6 @@ def test_products_of_quaternions_are_products_of_matrices(first, second):
         matrix_from_quaternion(product),
         atol=1e-10,
     )
-
-
-@given(first=quaternions, second=quaternions, t=shares)
-def test_slerp_turns_steadily_the_short_way(first, second, t):
-    start, end = matrix_from_quaternion(first), matrix_from_quaternion(second)
-    between = matrix_from_quaternion(slerp(first, second, t))
-    whole = angle_between(start, end)
-    assert angle_between(start, between) == pytest.approx(t * whole, abs=1e-7)
-    assert angle_between(between, end) == pytest.approx((1 - t) * whole, abs=1e-7)
-
-
-def test_slerp_takes_many_shares_at_once():
-    first, second = np.array([1.0, 0, 0, 0]), np.array([0.0, 1, 0, 0])
-    path = slerp(first, second, np.linspace(0, 1, 5))
-    assert path.shape == (5, 4)
-    np.testing.assert_allclose(path[2], [np.sqrt(0.5), np.sqrt(0.5), 0, 0], atol=1e-15)
 
 
 @given(quaternion=quaternions, noise=st.floats(0, 0.1), seed=st.integers(0, 1000))

@@ -173,7 +173,7 @@ class Outbox:
         self._update(number, "setbacks = setbacks + 1")
 
     def forget_upload(self, number: int) -> None:
-        """Record that the service has nothing of it any more: it begins anew."""
+        """Record that the service no longer has the upload, so that it starts again from its first byte."""
         self._update(number, "upload = NULL, offset_bytes = 0")
 
     def acknowledge(self, number: int, verdict: str) -> None:

@@ -50,7 +50,7 @@ class ResumableCarrier:
             offset = self._append(photograph, upload, offset, file)
 
     def _offset(self, photograph: Photograph) -> int | None:
-        """How much of an upload that has begun has arrived; None when there is none, or none any more."""
+        """The number of bytes that have arrived; None when no upload was created, or it has expired."""
         if photograph.upload is None:
             return None
         answer = self._connection.ask("HEAD", f"{_UPLOADS}/{photograph.upload}", _VERSION)

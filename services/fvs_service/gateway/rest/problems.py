@@ -131,9 +131,4 @@ def defect_response(request: Request, error: Exception) -> JSONResponse:
     """The response to a request that failed with ``error``, a defect, which is logged."""
     request_id = getattr(request.state, "request_id", "")
     _log.error("request failed", path=request.url.path, request_id=request_id, exc_info=error)
-    return problem_response(
-        request,
-        errors.InternalError(
-            "The service failed.", hint="Try again; if it fails again, report the request_id."
-        ),
-    )
+    return problem_response(request, errors.InternalError("The service failed."))

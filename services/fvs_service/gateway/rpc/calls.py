@@ -262,9 +262,7 @@ async def answer(gateway: Gateway, context: Context, name: str, work: Callable[[
             error = from_engine(failure)
         except Exception as failure:
             _log.error("request failed", path=name, exc_info=failure)
-            error = InternalError(
-                "The service failed.", hint="Try again; if it fails again, report the request_id."
-            )
+            error = InternalError("The service failed.")
         finally:
             gateway.running.discard(task)
         _forget_frames(error)

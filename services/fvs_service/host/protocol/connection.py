@@ -138,7 +138,7 @@ def connect(endpoint: str, timeout_s: float) -> Connection:
 
 
 def exchange(connection: Connection, request: Record) -> Iterator[Any]:
-    """Send a request; yields those with a ``part``, then that with the ``result``.
+    """Send a request; yields the documents with a ``part``, then the one with the ``result``.
 
     Raises ``RunnerError`` when the response is an error, ``RunnerGoneError``.
     """

@@ -44,7 +44,7 @@ class RunnerOrder(Record):
 class RunJob(Record):
     """Run a job until its files are written; the result is a ``JobFinished``.
 
-    A worker that does not train has an update's images registered alone.
+    Unless the worker ``trains``, the job ends when an update's images are registered.
 
     ``images`` are the images that the job may use, ``camera`` the scene's focal length prior, ``origin`` that
     of the world frame of their position priors, ``snapshot_id`` the scene's latest snapshot, None before the
@@ -139,7 +139,7 @@ class JobOutcome(Record):
 
 
 class JobFinished(Record):
-    """What a job has made; None where a worker that trains goes on."""
+    """What a job has made; None when a worker that trains must continue it."""
 
     outcome: JobOutcome | None
 
@@ -175,7 +175,7 @@ class ModelMade(Record):
 
 
 class SceneWanted(Record):
-    """Another worker asks for the scene: the worker that receives this gives it up with its job."""
+    """Another worker asks for the scene: the worker that receives this gives up the scene and its job."""
 
     kind: Literal["wanted"] = "wanted"
 
@@ -198,7 +198,7 @@ class Failure(Record):
 
 
 def failure_of(error: Exception) -> Failure:
-    """The message for a request that failed with ``error``; of a defect it has no details."""
+    """The message for a request that failed with ``error``; it has no details of a defect."""
     if isinstance(error, EngineError):
         error = from_engine(error)
     if isinstance(error, ServiceError):

@@ -116,8 +116,8 @@ class SceneJobs:
     ) -> JobOutcome | None:
         """Register the images, train the quick model and publish it, then train the full one.
 
-        When the full model of these images is there already, no quick one is published. A new scene of many
-        images gets a model of its first ones before.
+        When there is already a full model of these images, no quick one is published. A new scene of many
+        images first gets a model of a few of them.
         """
         images = self._images(request, monitor, quarantine)
         if len(images) < 2:
@@ -168,7 +168,7 @@ class SceneJobs:
     ) -> None:
         """Publish a quick model of the first images: rankings need not wait for the others.
 
-        It is tried once: another try would take out the images that were added since.
+        This is tried only once: to try again would remove the images that were added since.
         """
         tried = self._folder.growing / _FIRST_TRIED
         if tried.exists() or scene.visited:
@@ -344,7 +344,7 @@ class SceneJobs:
 
 
 def _quarantine(reasons: Mapping[str, Finding], monitor: Monitor, quarantine: Quarantine) -> None:
-    """Name images in the job's warnings, then quarantine them: the next try does not get them any more."""
+    """Name images in the job's warnings, then quarantine them: later starts do not use them."""
     for reason in reasons.values():
         monitor.warn(reason)
     if reasons:

@@ -112,9 +112,11 @@ class RunnerServer:
                 _log.exception("A request of kind %s failed.", request.kind)
             failure = _failure_of_job(error) if isinstance(request, RunJob) else failure_of(error)
             response = {"error": failure}
-        connection.send(response)
-        if isinstance(request, YieldScene) and "result" in response:
-            self._yielded.set()
+        try:
+            connection.send(response)
+        finally:
+            if isinstance(request, YieldScene) and "result" in response:
+                self._yielded.set()  # also when nobody receives that: no job can run any longer
 
     def _result(self, connection: Connection, request: Request) -> Any:
         match request:

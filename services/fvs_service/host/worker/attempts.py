@@ -147,7 +147,7 @@ class Attempts:
         return Succeeded()
 
     def _images_of(self, scene: LeasedScene, job: Job) -> tuple[Image, ...]:
-        """The images that had arrived when the attempt first started: every start of it uses the same."""
+        """The images that had arrived when the attempt first started; all its starts use them."""
         with self._storage.database.reading() as session:
             images = usable_images(session, job.scene_id)
         last = max((image.number for image in images), default=0)

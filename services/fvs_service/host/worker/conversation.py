@@ -67,7 +67,7 @@ class StageSpans(contextlib.ExitStack):
 class Conversation:
     """Records a job's progress, warnings and quarantined images, and cancels or pauses it.
 
-    ``commit`` makes a snapshot of an update's first or quick model; ``stopping`` is whether the worker ends.
+    ``commit`` makes a snapshot of an update's first or quick model; ``stopping`` is whether it ends.
     """
 
     storage: Storage
@@ -86,7 +86,7 @@ class Conversation:
         self._received: queue.Queue[_Received] = queue.Queue()
 
     def hold(self) -> JobOutcome | Outcome:
-        """Have the runner run the job; returns what it has made, or the outcome without that.
+        """Have the runner run the job; returns what it has made, or else the outcome.
 
         Raises ``RunnerGoneError``, ``StorageUnavailableError`` and ``StaleLeaseError``; the runner may then
         still compute.
@@ -166,7 +166,7 @@ class Conversation:
             quarantine(session, self.scene.lease, reasons)
 
     def _patiently(self, write: Callable[[], object]) -> None:
-        """Write to the database; waits while it cannot be reached, as long as the runner has its lease."""
+        """Write to the database; while it cannot be reached, waits as long as the runner lives."""
         while True:
             try:
                 write()
@@ -178,7 +178,7 @@ class Conversation:
                 return
 
     def _outcome_of(self, failure: Failure) -> Outcome:
-        """What a runner's failure means for the attempt; raises where the runner is of no more use."""
+        """What a runner's failure means for the attempt; raises when the runner can no longer be used."""
         code = failure.code
         if self.stop.outcome is not None and code in (Cancelled.code, ProcessDiedError.code):
             return self.stop.outcome

@@ -1,4 +1,4 @@
-"""The outcomes of starting an attempt at a job, and which one an error has: recovery in one place.
+"""The outcomes of starting an attempt at a job, and the outcome that each error leads to.
 
 In its turn of a job a worker starts the attempt on the scene's runner, which comes to an outcome. The steps
 of recovery, each for what the one before it does not mend:
@@ -6,8 +6,8 @@ of recovery, each for what the one before it does not mend:
 1. Structure from motion crashes: the engine searches for the image that is at fault
    (``fvs_engine.sfm.culprit``), the worker quarantines it, and the attempt goes on without it.
 2. A process died: the attempt starts again in the same turn, from its last checkpoint (``StartAgain``).
-3. Something is lacking, or it is others' turn: the attempt goes on in a later turn (``Paused``), or on a
-   worker that does other work (``LeftToAnother``).
+3. Memory or disk space is lacking, or it is the turn of other jobs: the attempt goes on in a later turn
+   (``Paused``), or on a worker that does other work (``LeftToAnother``).
 4. There is no progress in ``turns.MAX_STARTS`` starts: the attempt fails (``Failed``); a client may retry it.
 """
 
@@ -69,9 +69,9 @@ class LeftToAnother:
 
 @dataclass(frozen=True)
 class StartAgain:
-    """The attempt starts again in this turn, after ``pause_s`` (None: longer from time to time).
+    """The attempt starts again in this turn, after ``pause_s`` (None: a pause that grows with every start).
 
-    ``at_fault``: the job may have caused it, so that the start counts.
+    ``at_fault``: the job may have caused this, and the start counts.
     """
 
     reason: str

@@ -29,7 +29,7 @@ _LEAST_SMOOTHING_S = 1.0
 _LEAST_KNOWN = 0.03
 """Share of the usual time that a job must have run before a service without history gives an estimate."""
 _LEAST_TRAINED_S = 5.0
-"""Alternatively the time that it must have trained: iterations show their speed themselves."""
+"""Or the time that it must have trained: then the speed of its own iterations is known."""
 
 
 def size_of(job: Job, images: Sequence[Image], first: bool, settings: WorkerSettings) -> JobSize:

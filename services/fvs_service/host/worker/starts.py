@@ -1,4 +1,4 @@
-"""The number of starts of an attempt without progress, kept on disk because a job may kill its own worker."""
+"""Counts an attempt's starts without progress, on disk because a job may kill its own worker."""
 
 from contextlib import suppress
 from pathlib import Path
@@ -15,9 +15,9 @@ class _Count(Record):
     attempt_id: str
     starts: int = 0
     reached: float = 0.0
-    """The job's progress when the last one was made."""
+    """The job's progress at the last start."""
     reason: str = "its worker died"
-    """What ended the last one."""
+    """What ended the last start."""
     disk_full: bool = False
     """Whether it ended for lack of room."""
 
@@ -39,16 +39,16 @@ class Starts:
 
     @property
     def reason(self) -> str:
-        """What ended the last one."""
+        """What ended the last start."""
         return self._read().reason
 
     @property
     def disk_full(self) -> bool:
-        """Whether that was lack of room."""
+        """Whether the last start ended for lack of room."""
         return self._read().disk_full
 
     def because(self, reason: str, *, disk_full: bool = False) -> None:
-        """Record what ended the last one."""
+        """Record what ended the last start."""
         self._write(self._read().model_copy(update={"reason": reason, "disk_full": disk_full}))
 
     def begin(self, progress: float) -> None:
@@ -57,7 +57,7 @@ class Starts:
         self._write(_Count(attempt_id=self._attempt_id, starts=starts, reached=progress))
 
     def excuse(self) -> None:
-        """Do not count the last one: the job did not cause its end."""
+        """Do not count the last start: the job did not cause its end."""
         count = self._read()
         self._write(count.model_copy(update={"starts": max(0, count.starts - 1)}))
 

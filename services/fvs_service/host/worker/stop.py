@@ -21,7 +21,7 @@ _LOOK_EVERY_S = 0.5
 
 
 class JobStop:
-    """The outcome for which a running job is being stopped, if it is, and since when.
+    """Stops a running job when there is a reason to; ``outcome`` is what the job then has, else None.
 
     It is canceled by its flag, and paused when the disk comes to the reserve or when its turn ends. A turn
     ends only where little work is lost, and once the job has come farther than in its earlier turns: else it

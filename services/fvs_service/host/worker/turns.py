@@ -1,4 +1,4 @@
-"""Turns of jobs: in a turn the attempt is started on its scene, again if need be, until an outcome."""
+"""Turns of jobs: in a turn the attempt is started, again and again if need be, until it has an outcome."""
 
 import time
 
