@@ -2,10 +2,11 @@
 # make demo       the service and its client, from photographs to ranked next views: make demo IMAGES=path/to/photographs
 #                 (without any: kermit in FVS_DATA, else a simulated courtyard)
 # make demo-flight  a simulated copter photographs a courtyard on its own, from view to view
-# make test       everything that CI checks: make test WORKERS=6 for more than three processes at once
+# make test       all checks and the quick tests of everything: make test WORKERS=6 for more than three processes at once
 # make unit       the tests that start no process and read no photograph
+# make test-system  whole flights, services, clients and experiments, from end to end; CI runs them after `make test`
 # make test-slow  the long checks, most of them on real photographs, and the unit tests with more examples
-# make coverage   branch coverage of `make test`, with the processes that tests start
+# make coverage   branch coverage of `make test test-system`, with the processes that tests start
 # make docs       the documentation as a site in site/ (make docs && python -m http.server --directory site)
 # make generate   code that is made from other code: the synchronous client from clients/python/fvs_client/_async, and
 #                 the messages of gRPC from proto/
@@ -27,7 +28,7 @@ WORKERS ?= 3
 # Python keeps what it compiled even where the environment forbids it: the tests start many processes.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: setup demo demo-flight docs test unit check kernels generate lint test-slow coverage bench clean
+.PHONY: setup demo demo-flight docs test unit check kernels generate lint test-system test-slow coverage bench clean
 
 setup: $(INSTALLED) $(GENERATORS)
 
@@ -68,10 +69,13 @@ check: setup
 # The kernels are compiled beside the checks: each takes one core.
 test: setup
 	$(MAKE) --no-print-directory --jobs=2 check kernels
-	$(BIN)/python -m pytest -n $(WORKERS) -m "not slow"
+	$(BIN)/python -m pytest -n $(WORKERS) -m "not system and not slow"
 
 unit: setup
-	$(BIN)/python -m pytest -n $(WORKERS) -m "unit and not slow"
+	$(BIN)/python -m pytest -n 2 -m "unit and not system and not slow"
+
+test-system: setup kernels
+	$(BIN)/python -m pytest -n $(WORKERS) -m "system and not slow"
 
 kernels: setup
 	@$(BIN)/python -c "from fvs_engine.score.log_magnitude_median import compile_kernels as score; \
