@@ -61,7 +61,7 @@ check: setup
 	$(BIN)/ruff check .
 	$(BIN)/mypy
 	$(BIN)/lint-imports
-	$(BIN)/deptry fvs_engine services --package-module-name-map "fvs-client=fvs_schema" --known-first-party fvs_engine --known-first-party fvs_service --per-rule-ignores "DEP002=tbb|httptools|psycopg"
+	$(BIN)/deptry fvs_engine services --package-module-name-map "fvs-client=fvs_schema|fvs_client" --known-first-party fvs_engine --known-first-party fvs_service --per-rule-ignores "DEP002=tbb|httptools|psycopg"
 	$(BIN)/python clients/generate_sync.py --check
 	$(BIN)/python proto/generate.py --check
 	cd clients/python && ../../$(BIN)/deptry . --known-first-party fvs_client --known-first-party fvs_schema --per-rule-ignores "DEP002=pyserial"

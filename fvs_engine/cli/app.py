@@ -10,9 +10,9 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
 import typer
+from fvs_client.cli.command_group import Program
 
 from fvs_engine.choices import CameraModel, Quality, RankingMethod, ViewGroup
-from fvs_engine.cli.command_group import Program
 from fvs_engine.cli.evaluate import evaluate
 from fvs_engine.cli.option_groups import with_option_groups
 from fvs_engine.cli.options import (

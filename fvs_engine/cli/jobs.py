@@ -11,8 +11,8 @@ from types import FrameType, MappingProxyType
 from typing import NoReturn, TypeVar
 
 import typer
+from fvs_client.cli.command_group import print_error
 
-from fvs_engine.cli.command_group import print_error
 from fvs_engine.cli.exit_codes import INTERRUPTED, exit_code_of
 from fvs_engine.cli.progress import Display, create_display
 from fvs_engine.errors import Cancelled, EngineError

@@ -1,4 +1,4 @@
-"""What the programs ``fvs`` and ``fvs-client`` have in common; each has a copy of this file.
+"""The group of commands of the programs ``fvs`` and ``fvs-client``, and how they print errors.
 
 Options may stand before or after the command that they belong to. With ``--json``, wrong usage is an error as
 JSON, as all others are.
