@@ -7,6 +7,7 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 
 from fvs_schema.base import Input
 from fvs_schema.checks import of_fields, within
+from fvs_schema.fence import MOST_CORNERS, Fence, Place
 from fvs_schema.names import CandidateId
 from fvs_schema.plans import Stop
 from fvs_schema.poses import Pose
@@ -15,10 +16,6 @@ from fvs_schema.rankings import RankedCandidate
 from fvs_schema.scenes import AltitudeDatum
 from fvs_schema.words import Word
 
-Corner = tuple[float, float]
-"""Latitude and longitude."""
-
-_MOST_CORNERS = 200
 _MOST_VIA = 200
 _Height = Annotated[Number, Field(ge=-10_000, le=10_000)]
 _Geoid = Annotated[Number, Field(ge=-150, le=150)]
@@ -125,7 +122,7 @@ class MissionOptions(Input):
     highest_height_m: AsText[_Height] | None = Field(
         default=None, description="Nothing is flown higher above home."
     )
-    geofence: Annotated[str, Field(max_length=_MOST_CORNERS * 50)] | None = Field(
+    geofence: Annotated[str, Field(max_length=MOST_CORNERS * 50)] | None = Field(
         default=None,
         description="A polygon to stay inside: `latitude,longitude;latitude,longitude;…`, in degrees.",
     )
@@ -157,7 +154,7 @@ class MissionOptions(Input):
     @classmethod
     def _polygon(cls, value: str | None) -> str | None:
         if value is not None:
-            _corners(value)
+            Fence.parse(value)
         return value
 
     @model_validator(mode="after")
@@ -178,33 +175,16 @@ class MissionOptions(Input):
         return self
 
     @property
-    def home(self) -> Corner | None:
+    def home(self) -> Place | None:
         """The latitude and longitude of home."""
         if self.home_latitude_deg is None or self.home_longitude_deg is None:
             return None
         return self.home_latitude_deg, self.home_longitude_deg
 
     @property
-    def fence(self) -> tuple[Corner, ...]:
-        """The corners of the geofence; none without one."""
-        return () if self.geofence is None else _corners(self.geofence)
-
-
-def _corners(text: str) -> tuple[Corner, ...]:
-    corners = []
-    for part in text.strip(";").split(";"):
-        try:
-            latitude_deg, longitude_deg = map(float, part.split(","))
-        except ValueError:
-            raise ValueError(f"{part[:40]!r} is not a latitude,longitude") from None
-        if not (abs(latitude_deg) <= 90.0 and abs(longitude_deg) <= 180.0):
-            raise ValueError(f"{part[:40]} is not on Earth")
-        corners.append((latitude_deg, longitude_deg))
-    if len(corners) > 1 and corners[0] == corners[-1]:
-        corners.pop()
-    if not 3 <= len(corners) <= _MOST_CORNERS:
-        raise ValueError(f"a fence has 3 to {_MOST_CORNERS} corners, and this one has {len(corners)}")
-    return tuple(corners)
+    def fence(self) -> Fence | None:
+        """The geofence."""
+        return None if self.geofence is None else Fence.parse(self.geofence)
 
 
 class PlanMissionOptions(MissionOptions):

@@ -2,7 +2,8 @@
 
 from dataclasses import dataclass
 
-from fvs_schema.missions import Corner, MissionOptions
+from fvs_schema.fence import Place
+from fvs_schema.missions import MissionOptions
 from fvs_schema.scenes import AltitudeDatum
 
 
@@ -22,7 +23,7 @@ class Waypoint:
     roll_deg: float = 0.0
 
     @property
-    def place(self) -> Corner:
+    def place(self) -> Place:
         """Its latitude and longitude."""
         return self.latitude_deg, self.longitude_deg
 

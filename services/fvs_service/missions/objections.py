@@ -4,11 +4,11 @@ from collections.abc import Sequence
 from itertools import pairwise
 
 from fvs_schema.error_codes import FieldError
-from fvs_schema.missions import Corner, Finish, MissionOptions
+from fvs_schema.fence import Place
+from fvs_schema.missions import Finish, MissionOptions
 from fvs_service.errors import InvalidRequestError
 from fvs_service.missions import gimbal
 from fvs_service.missions.altitudes import Altitudes
-from fvs_service.missions.fence import Fence
 from fvs_service.missions.flight import Waypoint
 
 _ROUNDING_DEG = 1e-6
@@ -24,7 +24,7 @@ class Objections:
 
     def __init__(self, options: MissionOptions, altitudes: Altitudes, ground_m: float | None) -> None:
         self._options, self._altitudes, self._ground_m = options, altitudes, ground_m
-        self._fence = Fence(options.fence) if options.fence else None
+        self._fence = options.fence
         if altitudes.home_m is None:
             for name in ("transit_height_m", "lowest_height_m", "highest_height_m"):
                 if getattr(options, name) is not None:
@@ -54,7 +54,7 @@ class Objections:
             return "it is outside of the geofence"
         return reason
 
-    def to_way(self, before: Corner | None, via: Sequence[Waypoint], view: Waypoint) -> str | None:
+    def to_way(self, before: Place | None, via: Sequence[Waypoint], view: Waypoint) -> str | None:
         """Why the way to a view cannot be flown, from ``before`` if that is known."""
         start = [] if before is None else [before]
         if self._leaves([*start, *(point.place for point in via), view.place]):
@@ -96,7 +96,7 @@ class Objections:
             return f"{what} {height_m:.1f} m above home; the highest allowed is {highest_m:g} m"
         return None
 
-    def _leaves(self, places: Sequence[Corner]) -> bool:
+    def _leaves(self, places: Sequence[Place]) -> bool:
         fence = self._fence
         if fence is None:
             return False

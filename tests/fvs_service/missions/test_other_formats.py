@@ -2,11 +2,13 @@
 
 import csv
 import json
+from itertools import pairwise
 from typing import Any
 
 import numpy as np
 import pytest
 from fvs_service.errors import InvalidRequestError
+from fvs_service.missions.formats import geojson
 from fvs_service.missions.writing import write_mission
 from fvs_service.scenes.poses import WorldFrame
 from google.protobuf import descriptor_pb2, descriptor_pool, json_format, message_factory
@@ -181,3 +183,44 @@ def test_robots_get_only_what_can_be_flown(flights: Any) -> None:
 def test_a_ranking_without_its_snapshot_has_no_intrinsics(flights: Any) -> None:
     with pytest.raises(InvalidRequestError, match="the intrinsics"):
         flights[0].write(format="nerfstudio")
+
+
+@pytest.mark.parametrize(
+    ("longitudes", "lines"),
+    [
+        ((180.0, -180.0), [[-180.0, -180.0]]),
+        ((-180.0, 180.0), [[180.0, 180.0]]),
+        ((180.0, -179.9), [[-180.0, -179.9]]),
+        ((179.9, -180.0), [[179.9, 180.0]]),
+        ((179.9, 180.0, -180.0, -179.9), [[179.9, 180.0], [-180.0, -180.0, -179.9]]),
+        ((179.9, -180.0, 180.0, 179.9), [[179.9, 180.0], [180.0, 180.0, 179.9]]),
+        ((180.0,), [[180.0, 180.0]]),
+    ],
+)
+def test_routes_that_touch_the_antimeridian_have_their_positions(
+    longitudes: tuple[float, ...], lines: list[list[float]]
+) -> None:
+    places = [(float(number), longitude) for number, longitude in enumerate(longitudes)]
+    route = geojson._route(places)
+    found = [route["coordinates"]] if route["type"] == "LineString" else route["coordinates"]
+    assert all(len(line) > 1 for line in found)
+    assert {abs(a[0] - b[0]) > 1.0 for line in found for a, b in pairwise(line)} == {False}
+    ends = [place for line in found for place in line]
+    for latitude, longitude in places:
+        assert any(place[1] == latitude and (place[0] - longitude) % 360.0 == 0.0 for place in ends)
+    assert [[place[0] for place in line] for line in found] == lines
+
+
+def test_routes_and_fences_across_the_antimeridian_are_cut_there(flights: Any) -> None:
+    flight = next(one for one in flights if one.origin.longitude_deg == 179.9999 and len(one.views) == 5)
+    fence = "-17,179;-17,-179;-16,-179;-16,179"
+    document = json.loads(flight.write(format="geojson", geofence=fence))
+    route = next(one for one in document["features"] if one["properties"]["kind"] == "route")["geometry"]
+    assert route["type"] == "MultiLineString"
+    for before, after in zip(route["coordinates"][:-1], route["coordinates"][1:], strict=True):
+        assert abs(before[-1][0]) == 180.0
+        assert (after[0][0], after[0][1]) == (-before[-1][0], before[-1][1])
+    for line in route["coordinates"]:
+        assert all(abs(a[0] - b[0]) < 1 for a, b in pairwise(line))
+    (ring,) = document["features"][-1]["geometry"]["coordinates"]
+    assert [corner[0] for corner in ring] in ([179.0, 181.0, 181.0, 179.0, 179.0], [179, 179, 181, 181, 179])

@@ -24,7 +24,6 @@ from fvs_client.cli.poses import GeneratorName, generator_of, read_candidates
 from fvs_client.cli.program import Target
 from fvs_client.cli.session import find_scene, service
 from fvs_client.fly.errors import VehicleError
-from fvs_client.fly.fence import Fence
 from fvs_client.fly.flight import Ending, Flight, FlightSettings
 from fvs_client.fly.log import FlightLog
 from fvs_client.fly.photographs import Photographs
@@ -32,6 +31,7 @@ from fvs_client.fly.survey import Survey
 from fvs_client.fly.vehicle import Vehicle
 from fvs_client.service_url import DEFAULT_URL
 from fvs_client.spool.errors import SpoolError
+from fvs_schema.fence import Fence
 
 _DONE = frozenset({Ending.BUDGET, Ending.BATTERY, Ending.STOPPED, Ending.GOOD_ENOUGH})
 _SURVEY_FORM = "LATITUDE,LONGITUDE,RADIUS,HEIGHT"
@@ -201,7 +201,7 @@ def fly(
     listed = read_candidates(candidates)
     if geofence is not None:
         try:
-            Fence(geofence)
+            Fence.parse(geofence)
         except ValueError as error:
             raise typer.BadParameter(str(error), param_hint="--geofence") from error
     mission = flight_limits(transit_height, lowest, highest, geofence)

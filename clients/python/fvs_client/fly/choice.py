@@ -18,7 +18,6 @@ from fvs_client import (
     VisitState,
 )
 from fvs_client.fly.errors import VehicleError
-from fvs_client.fly.fence import Fence
 from fvs_client.fly.items import Command, holding, read_waypoints
 from fvs_client.fly.leg import Leg
 from fvs_client.fly.log import FlightLog
@@ -27,6 +26,7 @@ from fvs_client.fly.vehicle import Vehicle, VehicleState
 from fvs_client.fly.watch import Watch
 from fvs_client.models.missions import MissionFile, MissionSettings
 from fvs_schema.candidates import AroundCurrent
+from fvs_schema.fence import Fence
 from fvs_schema.missions import MissionFormat
 from fvs_schema.scenes import Origin
 
@@ -193,7 +193,8 @@ class Choice:
         here = self._vehicle.last_state
         items = read_waypoints(mission.content.decode())
         first = next(item for item in items[1:] if item.command == Command.WAYPOINT)
-        return not Fence(geofence).leaves((here.latitude_deg, here.longitude_deg), (first.x, first.y))
+        fence = Fence.parse(geofence)
+        return not fence.crosses((here.latitude_deg, here.longitude_deg), (first.x, first.y))
 
     @property
     def _located(self) -> bool:

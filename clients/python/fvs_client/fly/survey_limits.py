@@ -3,9 +3,9 @@
 from itertools import pairwise
 
 from fvs_client.fly.errors import VehicleError
-from fvs_client.fly.fence import Fence, Place
 from fvs_client.fly.survey import Survey
 from fvs_client.models.missions import MissionSettings
+from fvs_schema.fence import Fence, Place
 
 _HINT = "Give another survey (--survey, --survey-arc, --survey-start), or other limits."
 
@@ -28,9 +28,9 @@ def _reason(survey: Survey, home: Place, mission: MissionSettings) -> str | None
     if geofence is None:
         return None
     try:
-        fence = Fence(geofence)
+        fence = Fence.parse(geofence)
     except ValueError as error:
-        return f"the geofence cannot be read: {str(error).rstrip('.')}"
+        return f"the geofence cannot be read: {error}"
     if not fence.has(home):
         return "home is outside of the geofence"
     places = survey.places
@@ -39,6 +39,6 @@ def _reason(survey: Survey, home: Place, mission: MissionSettings) -> str | None
             return f"photograph {number} of {len(places)} is outside of the geofence"
     names = ["home", *(f"photograph {number}" for number in range(1, len(places) + 1)), "home"]
     for (start, end), (before, after) in zip(pairwise([home, *places, home]), pairwise(names), strict=True):
-        if fence.leaves(start, end):
+        if fence.crosses(start, end):
             return f"the way from {before} to {after} leaves the geofence"
     return None

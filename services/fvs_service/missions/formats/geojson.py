@@ -9,7 +9,7 @@ from typing import Any
 
 import orjson
 
-from fvs_schema.missions import Corner
+from fvs_schema.fence import Place
 from fvs_schema.scenes import AltitudeDatum
 from fvs_service.missions.flight import Mission, Waypoint
 
@@ -24,8 +24,8 @@ def write(mission: Mission) -> bytes:
     if mission.home is not None:
         position = _position((mission.home.latitude_deg, mission.home.longitude_deg))
         features.append(_feature({"type": "Point", "coordinates": position}, {"kind": "home"}))
-    if mission.options.fence:
-        features.append(_feature(_area(mission.options.fence), {"kind": "geofence"}))
+    if mission.options.fence is not None:
+        features.append(_feature(_area(mission.options.fence.corners), {"kind": "geofence"}))
     return orjson.dumps({"type": "FeatureCollection", "features": features})
 
 
@@ -52,11 +52,11 @@ def _feature(geometry: dict[str, Any], properties: dict[str, Any]) -> dict[str, 
     return {"type": "Feature", "geometry": geometry, "properties": properties}
 
 
-def _position(place: Corner) -> list[float]:
+def _position(place: Place) -> list[float]:
     return [round(place[1], _DECIMALS), round(place[0], _DECIMALS)]
 
 
-def _route(places: Sequence[Corner]) -> dict[str, Any]:
+def _route(places: Sequence[Place]) -> dict[str, Any]:
     """A line through places, in pieces that meet at the antimeridian (RFC 7946, section 3.1.9)."""
     pieces = [[places[0]]]
     for before, after in pairwise(places):
@@ -77,12 +77,12 @@ def _route(places: Sequence[Corner]) -> dict[str, Any]:
     return {"type": "MultiLineString", "coordinates": lines}
 
 
-def _line(places: Sequence[Corner]) -> list[list[float]]:
+def _line(places: Sequence[Place]) -> list[list[float]]:
     """The positions of places, without those that are where the one before is."""
     return [position for position, _ in groupby(map(_position, places))]
 
 
-def _area(corners: Sequence[Corner]) -> dict[str, Any]:
+def _area(corners: Sequence[Place]) -> dict[str, Any]:
     """A polygon, counter-clockwise; across the antimeridian its longitudes go on beyond 180."""
     west_deg = corners[0][1]
     ring = [

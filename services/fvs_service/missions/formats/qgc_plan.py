@@ -40,7 +40,7 @@ def write(mission: Mission) -> bytes:
         "geoFence": {
             "version": 2,
             "circles": [],
-            "polygons": [{"version": 1, "inclusion": True, "polygon": mission.options.fence}]
+            "polygons": [{"version": 1, "inclusion": True, "polygon": mission.options.fence.corners}]
             if mission.options.fence
             else [],
         },

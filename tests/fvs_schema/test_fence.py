@@ -1,16 +1,11 @@
 """Geofences, also across the antimeridian."""
 
-import json
-from itertools import pairwise
-from typing import Any
-
 import pytest
-from fvs_service.missions.fence import Fence
-from fvs_service.missions.formats import geojson
 from hypothesis import assume, given
 from hypothesis import strategies as st
 from pydantic import ValidationError
 
+from fvs_schema.fence import Fence
 from fvs_schema.missions import MissionOptions
 
 TRIANGLE = ((0.0, 0.0), (2.0, 0.0), (0.0, 2.0))
@@ -111,49 +106,5 @@ def test_what_is_no_polygon_is_refused(text: str, message: str) -> None:
 
 
 def test_a_closed_polygon_is_the_same_as_an_open_one() -> None:
-    one, other = (
-        MissionOptions.model_validate({"format": "csv", "geofence": text}).fence
-        for text in ("1,2;3,4;5,6", "1,2;3,4;5,6;1,2")
-    )
+    one, other = (Fence.parse(text).corners for text in ("1,2;3,4;5,6", "1,2;3,4;5,6;1,2"))
     assert one == other == ((1, 2), (3, 4), (5, 6))
-
-
-@pytest.mark.parametrize(
-    ("longitudes", "lines"),
-    [
-        ((180.0, -180.0), [[-180.0, -180.0]]),
-        ((-180.0, 180.0), [[180.0, 180.0]]),
-        ((180.0, -179.9), [[-180.0, -179.9]]),
-        ((179.9, -180.0), [[179.9, 180.0]]),
-        ((179.9, 180.0, -180.0, -179.9), [[179.9, 180.0], [-180.0, -180.0, -179.9]]),
-        ((179.9, -180.0, 180.0, 179.9), [[179.9, 180.0], [180.0, 180.0, 179.9]]),
-        ((180.0,), [[180.0, 180.0]]),
-    ],
-)
-def test_routes_that_touch_the_antimeridian_have_their_positions(
-    longitudes: tuple[float, ...], lines: list[list[float]]
-) -> None:
-    places = [(float(number), longitude) for number, longitude in enumerate(longitudes)]
-    route = geojson._route(places)
-    found = [route["coordinates"]] if route["type"] == "LineString" else route["coordinates"]
-    assert all(len(line) > 1 for line in found)
-    assert {abs(a[0] - b[0]) > 1.0 for line in found for a, b in pairwise(line)} == {False}
-    ends = [place for line in found for place in line]
-    for latitude, longitude in places:
-        assert any(place[1] == latitude and (place[0] - longitude) % 360.0 == 0.0 for place in ends)
-    assert [[place[0] for place in line] for line in found] == lines
-
-
-def test_routes_and_fences_across_the_antimeridian_are_cut_there(flights: Any) -> None:
-    flight = next(one for one in flights if one.origin.longitude_deg == 179.9999 and len(one.views) == 5)
-    fence = "-17,179;-17,-179;-16,-179;-16,179"
-    document = json.loads(flight.write(format="geojson", geofence=fence))
-    route = next(one for one in document["features"] if one["properties"]["kind"] == "route")["geometry"]
-    assert route["type"] == "MultiLineString"
-    for before, after in zip(route["coordinates"][:-1], route["coordinates"][1:], strict=True):
-        assert abs(before[-1][0]) == 180.0
-        assert (after[0][0], after[0][1]) == (-before[-1][0], before[-1][1])
-    for line in route["coordinates"]:
-        assert all(abs(a[0] - b[0]) < 1 for a, b in pairwise(line))
-    (ring,) = document["features"][-1]["geometry"]["coordinates"]
-    assert [corner[0] for corner in ring] in ([179.0, 181.0, 181.0, 179.0, 179.0], [179, 179, 181, 181, 179])
