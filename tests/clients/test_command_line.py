@@ -104,6 +104,7 @@ def test_tables_have_the_unit_of_lengths_where_there_is_one(run: Run, gateway: A
     assert "distance (m)" in run("rank", scene, "--generator", "orbit", "--count", 4).stdout
 
 
+@pytest.mark.system
 def test_a_flight_is_planned_in_a_volume(run: Run, gateway: Any, scene_id: str, tmp_path: Path) -> None:
     gateway.model(scene_id)
     volume, zone, wrong = (tmp_path / name for name in ("volume.json", "zone.json", "wrong.json"))
@@ -145,6 +146,7 @@ def test_candidates_of_a_volume_are_ranked(run: Run, gateway: Any, scene_id: str
     assert "safety distance" in run(*given, "--safety", 1e5, expect=3).stderr
 
 
+@pytest.mark.system
 def test_vehicles_get_different_views(run: Run, gateway: Any, scene_id: str, tmp_path: Path) -> None:
     gateway.model(scene_id)
     pose = {"position": [0.0, -4.0, 0.5], "orientation_wxyz": [0.7071068, -0.7071068, 0.0, 0.0]}
@@ -248,6 +250,7 @@ def test_a_terminal_shows_how_many_candidates_are_scored(monkeypatch: pytest.Mon
         assert on_scored is None
 
 
+@pytest.mark.system
 def test_progress_and_errors_are_json_where_json_is_asked_for(
     run: Run, url: str, gateway: Any, scene_id: str
 ) -> None:
@@ -390,6 +393,7 @@ class _like:  # noqa: N801 - reads as a word in comparisons
         return hash((self._start, self._end))
 
 
+@pytest.mark.system
 def test_scenes_of_one_name_are_told_apart_changed_and_deleted(
     run: Run, client: Client, gateway: Any, tmp_path: Path
 ) -> None:

@@ -2,12 +2,14 @@ import importlib.util
 from pathlib import Path
 from typing import Any
 
+import pytest
 from fvs_client import Client, Orbit
 from PIL import Image
 
 _DEMO = Path(__file__).resolve().parent.parent.parent / "demo"
 
 
+@pytest.mark.system
 def test_its_pictures_can_be_drawn(client: Client, gateway: Any, tmp_path: Path) -> None:
     spec = importlib.util.spec_from_file_location("pictures_of_the_demonstration", _DEMO / "pictures.py")
     assert spec is not None

@@ -10,6 +10,7 @@ from nbclient import NotebookClient
 NAME = '<b>pit</b> & "quarry"'
 
 
+@pytest.mark.system
 @pytest.mark.process
 def test_a_notebook_shows_what_a_scene_has(
     client: Client, gateway: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Any

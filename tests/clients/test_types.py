@@ -24,6 +24,7 @@ reveal_type(EngineError("no images").code)
 """
 
 
+@pytest.mark.system
 @pytest.mark.process
 def test_a_script_elsewhere_is_checked(tmp_path: Path) -> None:
     (tmp_path / "script.py").write_text(SCRIPT)

@@ -40,6 +40,7 @@ def copy(tmp_path: Path) -> Copy:
     return Copy(tmp_path)
 
 
+@pytest.mark.system
 def test_a_renumbered_field_is_found_until_it_is_released(copy: Copy) -> None:
     assert copy.run("--check") == (0, "")
     copy.change(_FIELD, _FIELD.replace("7", "99"))
@@ -50,6 +51,7 @@ def test_a_renumbered_field_is_found_until_it_is_released(copy: Copy) -> None:
     assert copy.run("--check") == (0, "")
 
 
+@pytest.mark.system
 def test_a_new_field_breaks_nobody(copy: Copy) -> None:
     copy.change(_FIELD, f"{_FIELD}\n  optional double speed = 99;")
     assert copy.run("--check") == (0, "")

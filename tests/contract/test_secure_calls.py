@@ -49,6 +49,7 @@ def test_with_a_certificate_calls_are_encrypted(
     assert caught.value.code() is grpc.StatusCode.UNAVAILABLE
 
 
+@pytest.mark.system
 def test_a_client_needs_a_certificate_of_the_right_authority(
     open_rpc: Callable[..., tuple[Any, int]], authorities: dict[str, Path]
 ) -> None:

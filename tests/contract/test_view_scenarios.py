@@ -103,6 +103,7 @@ VOLUMES: list[dict[str, Any]] = [
 ]
 
 
+@pytest.mark.system
 def test_flights_are_planned_in_volumes(compare: Compare) -> None:
     def scenario(tenant: Any) -> None:
         scene = tenant.scene()
@@ -133,6 +134,7 @@ def test_flights_are_planned_in_volumes(compare: Compare) -> None:
     compare(scenario)
 
 
+@pytest.mark.system
 def test_candidates_of_volumes_are_ranked(compare: Compare) -> None:
     shell = {"kind": "shell", "centre": [0.0, 0.0, 0.0], "inner": 3.0, "outer": 5.0}
     zone = {"kind": "box", "centre": [4.0, 0.0, 0.0], "size": [2.0, 9.0, 9.0]}
@@ -206,6 +208,7 @@ def test_views_are_ranked_and_rendered(compare: Compare) -> None:
     compare(scenario)
 
 
+@pytest.mark.system
 def test_views_become_missions(compare: Compare) -> None:
     origin = {
         "latitude_deg": 46.02,

@@ -30,6 +30,7 @@ _BLOCK = re.compile(
 )
 _SERVICE = "http://127.0.0.1:8000"
 _COMMANDS, _SHOWN = {"bash", "python"}, {"text", "console", "javascript", "json"}
+_SHORT_TRAINING = "--initial-iterations 20 --iterations-per-view 2 --long-side 64"
 _SMALLER = {
     "simulate yard --images 24": "simulate yard --images 6 --size 240x180",
     "simulate site --images 24": "simulate site --images 8 --size 240x180",
@@ -38,10 +39,11 @@ _SMALLER = {
     "0006 0007; do": "0006; do",
     "steps = 3": "steps = 1",
     "--images 60 --turns 2": "--images 12 --turns 0.5 --size 128x96",
-    "--budget 20": "--budget 6 --initial 4 --initial-iterations 20 --iterations-per-view 2 --long-side 64",
+    "--budget 20": f"--budget 6 --initial 4 {_SHORT_TRAINING}",
     "--poses known --initial 8": "--poses known",
-    "--seeds 0,1,2": "--seeds 0 --views 4,5 --initial-iterations 20 --iterations-per-view 2 --long-side 64",
+    "--seeds 0,1,2": f"--seeds 0 --views 4,5 {_SHORT_TRAINING}",
     "median-frequency,farthest,random": "median-frequency,farthest",
+    "--views 10 --out yard-travel": f"--views 5 {_SHORT_TRAINING} --out yard-travel",
     "--generator orbit --top 5 --renders views": "--generator orbit --count 5 --renders views",
     '"orbit"}, "top_k": 5': '"orbit", "count": 5}',
     "Orbit(count=24), top_k=5": "Orbit(count=5)",

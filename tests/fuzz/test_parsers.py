@@ -16,6 +16,7 @@ def reports() -> dict[str, Report]:
     return {report.target: report for report in fuzz_all(TARGETS, cases=150)}
 
 
+@pytest.mark.system
 @pytest.mark.timeout(240)
 @pytest.mark.parametrize("target", [target.name for target in TARGETS])
 def test_a_few_damaged_files_are_read_or_refused(reports: dict[str, Report], target: str) -> None:

@@ -186,6 +186,7 @@ def test_spans_know_what_is_around_them_and_what_failed(collector: Collector) ->
     assert collector.services == {"test"}
 
 
+@pytest.mark.system
 def test_without_a_collector_nothing_is_recorded_and_the_sdk_is_not_loaded() -> None:
     code = (
         "import sys, fvs_service.host.worker.process, fvs_service.serving.gateway\n"

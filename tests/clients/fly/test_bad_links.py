@@ -72,6 +72,7 @@ def test_another_vehicle_is_named_and_its_messages_are_not_heard(simulated: Any,
                 Vehicle(link.url, system=9, timeout_s=2.0)
 
 
+@pytest.mark.system
 def test_ground_stations_and_cameras_are_no_vehicles(simulated: Any, relay: Any) -> None:
     invalid = mavlink.MAV_AUTOPILOT_INVALID
     station = Other(255, 190).heartbeat(mavlink.MAV_TYPE_GCS, invalid)
@@ -130,6 +131,7 @@ def test_requests_come_twice_and_in_any_order(simulated: Any, relay: Any) -> Non
             assert [(item.command, round(item.parameters[0], 3)) for item in got] == sent
 
 
+@pytest.mark.system
 def test_messages_that_are_lost_are_sent_again(
     simulated: Any, relay: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -153,6 +155,7 @@ def test_messages_that_are_lost_are_sent_again(
     assert min(lost.values()) >= 2
 
 
+@pytest.mark.system
 def test_reports_of_photographs_that_were_lost_are_asked_for(simulated: Any, relay: Any) -> None:
     dropped = []
 
@@ -178,6 +181,7 @@ def test_reports_of_photographs_that_were_lost_are_asked_for(simulated: Any, rel
     assert dropped == [0, 2]
 
 
+@pytest.mark.system
 def test_equipment_is_what_the_vehicle_reports(simulated: Any) -> None:
     with simulated() as simulator, Vehicle(simulator.url) as vehicle:
         found = vehicle.equipment()

@@ -44,6 +44,7 @@ def test_a_vehicle_without_a_battery_is_not_flown_with_a_reserve(
     assert "--unchecked" in result.reason
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(("settings", "warned"), [({"equipment": False}, True), ({"reserve": 0.0}, False)])
 def test_a_vehicle_without_a_battery_is_flown_without_a_reserve(
     simulated: Any,

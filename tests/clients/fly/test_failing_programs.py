@@ -27,6 +27,7 @@ def test_a_folder_that_another_spool_sends_from_is_refused_before_takeoff(
         assert simulator.autopilot.vehicle.flown_m == 0.0
 
 
+@pytest.mark.system
 def test_a_failure_in_the_air_is_raised_after_the_landing(
     simulated: Any, scene: Scene, url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

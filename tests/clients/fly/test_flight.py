@@ -37,6 +37,7 @@ def test_a_vehicle_flies_from_view_to_view(
     assert len(flown.events("model")) == 3
 
 
+@pytest.mark.system
 def test_two_vehicles_share_a_scene(
     simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path
 ) -> None:
@@ -58,6 +59,7 @@ def test_two_vehicles_share_a_scene(
     assert len(list(scene.images.list())) == 12  # although both cameras number theirs from 0
 
 
+@pytest.mark.system
 def test_a_view_whose_photograph_fails_is_left_to_others(
     simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path
 ) -> None:
@@ -81,6 +83,7 @@ def test_it_returns_when_it_is_asked_to(
     assert len(list(scene.images.list())) >= 1
 
 
+@pytest.mark.system
 def test_a_reserve_of_the_battery_brings_it_home(
     simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path
 ) -> None:
@@ -90,6 +93,7 @@ def test_a_reserve_of_the_battery_brings_it_home(
         assert 0.2 < flown.vehicle.state.battery < 0.6
 
 
+@pytest.mark.system
 def test_without_a_model_the_vehicle_returns_by_itself(
     simulated: Any, scene: Scene, url: str, tmp_path: Path
 ) -> None:
@@ -113,6 +117,7 @@ def test_a_scene_without_a_model_needs_a_survey(
         assert "--survey" in result.reason
 
 
+@pytest.mark.system
 def test_views_that_cannot_be_flown_are_named(
     simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path
 ) -> None:
@@ -134,6 +139,7 @@ def test_views_that_cannot_be_flown_are_named(
     assert any("geofence" in event["text"] for event in flown.events("refused"))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("firmware", ["ardupilot", "px4"])
 def test_legs_of_several_views(
     simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path, firmware: str
@@ -165,6 +171,7 @@ def test_legs_of_several_views(
     assert len(flown.events("model")) == 3  # of the survey, and of each leg
 
 
+@pytest.mark.system
 def test_a_leg_leaves_out_views_that_cannot_be_flown(
     simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path
 ) -> None:
@@ -206,6 +213,7 @@ def test_a_vehicle_without_camera_or_gimbal_stays_on_the_ground(
     assert "--unchecked" in result.reason
 
 
+@pytest.mark.system
 def test_a_link_that_is_lost_in_mid_mission_comes_back(
     simulated: Any,
     relay: Any,
@@ -234,6 +242,7 @@ def test_a_link_that_is_lost_in_mid_mission_comes_back(
     assert sorted(files) == [f"{number:05d}.jpg" for number in range(5)]
 
 
+@pytest.mark.system
 def test_a_vehicle_that_stays_silent_is_said_to_fly_home(
     simulated: Any, relay: Any, scene: Scene, url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
@@ -264,6 +273,7 @@ def test_a_vehicle_that_stays_silent_is_said_to_fly_home(
     assert len(list(scene.images.list())) >= 1
 
 
+@pytest.mark.system
 def test_a_landing_that_is_not_seen_is_a_failure(
     simulated: Any,
     relay: Any,
@@ -295,6 +305,7 @@ def test_a_landing_that_is_not_seen_is_a_failure(
     assert "between two missions" not in result.reason
 
 
+@pytest.mark.system
 def test_a_mission_that_is_refused_in_the_air_brings_the_vehicle_home(
     simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path
 ) -> None:
@@ -310,6 +321,7 @@ def test_a_mission_that_is_refused_in_the_air_brings_the_vehicle_home(
     assert (result.photographs, result.unsent) == (3, 0)
 
 
+@pytest.mark.system
 def test_a_mission_that_is_lost_on_the_way_to_a_hovering_vehicle_is_sent_again(
     simulated: Any,
     relay: Any,

@@ -83,6 +83,7 @@ def test_a_vehicle_without_a_gimbal_is_not_flown(run: Run, scene_id: str, simula
     assert "0 photographs, 0 failed" in result.stdout
 
 
+@pytest.mark.system
 def test_a_folder_with_another_spool_is_not_flown_with(run: Run, scene_id: str, simulated: Any) -> None:
     with simulated() as simulator, only_sender(simulator.folder / FILE_NAME):
         result = run(scene_id, *SURVEY, vehicle=simulator.url, photographs=simulator.folder)
@@ -91,6 +92,7 @@ def test_a_folder_with_another_spool_is_not_flown_with(run: Run, scene_id: str, 
     assert "fvs-client spool watch" in result.stderr
 
 
+@pytest.mark.system
 def test_the_result_is_one_document(run: Run, gateway: Any, scene_id: str, simulated: Any) -> None:
     done = threading.Event()
 

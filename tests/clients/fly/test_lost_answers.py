@@ -16,6 +16,7 @@ from fvs_engine.lab.simulate.mavlink.flight_state import Mode
 pytestmark = pytest.mark.process
 
 
+@pytest.mark.system
 def test_a_mission_that_begins_without_an_answer_is_flown(
     simulated: Any,
     relay: Any,
@@ -40,6 +41,7 @@ def test_a_mission_that_begins_without_an_answer_is_flown(
     assert (result.ending, result.photographs, result.failed) == (Ending.BUDGET, 4, 0)
 
 
+@pytest.mark.system
 def test_a_link_that_stays_lost_between_two_missions_is_said(
     simulated: Any,
     relay: Any,
@@ -70,6 +72,7 @@ def test_a_link_that_stays_lost_between_two_missions_is_said(
     assert "FS_GCS_ENABLE is 0" in warning["text"]
 
 
+@pytest.mark.system
 def test_a_vehicle_that_may_have_taken_off_is_sent_home(
     simulated: Any, relay: Any, scene: Scene, url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -70,6 +70,7 @@ def test_a_survey_takes_off_where_the_vehicle_is() -> None:
     assert (takeoff.x, takeoff.y, takeoff.z) == (47.0, 8.0, SURVEY.height_m)
 
 
+@pytest.mark.system
 @pytest.mark.process
 def test_the_vehicle_stays_on_the_ground(simulated: Any, scene: Scene, url: str, tmp_path: Path) -> None:
     with simulated() as simulator, ExitStack() as stack:

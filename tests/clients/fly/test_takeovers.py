@@ -28,6 +28,7 @@ def until(condition: Callable[[], bool]) -> None:
         time.sleep(0.02)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("firmware", ["ardupilot", "px4"])
 def test_a_pause_between_legs_lasts_until_it_is_ended(
     simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path, firmware: str
@@ -49,6 +50,7 @@ def test_a_pause_between_legs_lasts_until_it_is_ended(
     assert (result.ending, result.photographs) == (Ending.BUDGET, 4)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("firmware", "mode"), [("ardupilot", Mode.LOITER), ("ardupilot", Mode.BRAKE), ("px4", Mode.LOITER)]
 )

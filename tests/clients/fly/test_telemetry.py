@@ -132,6 +132,7 @@ def test_the_gimbal_points_where_it_is_told_and_photographs_have_its_attitude(st
         assert len(list(simulator.folder.glob("*.jpg"))) == 1
 
 
+@pytest.mark.system
 def test_messages_come_as_often_as_they_are_asked_for(station: Any) -> None:
     with station() as (_simulator, ground):
         vfr, accepted = mavlink.MAVLINK_MSG_ID_VFR_HUD, mavlink.MAV_RESULT_ACCEPTED

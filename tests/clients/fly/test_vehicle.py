@@ -96,6 +96,7 @@ def test_a_mission_that_the_autopilot_refuses_names_the_item(simulated: Any) -> 
             vehicle.command(300)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("firmware", ["ardupilot", "px4"])
 def test_a_pause_holds_and_home_is_home(simulated: Any, firmware: str) -> None:
     with simulated(firmware=firmware) as simulator, Vehicle(simulator.url) as vehicle:
@@ -123,6 +124,7 @@ def test_a_pause_holds_and_home_is_home(simulated: Any, firmware: str) -> None:
         assert vehicle.captures() == []
 
 
+@pytest.mark.system
 def test_a_low_battery_sends_it_home(simulated: Any) -> None:
     with simulated(endurance_s=120.0) as simulator, Vehicle(simulator.url) as vehicle:
         items = holding(SURVEY.items(ARDUPILOT), 3_600.0)
@@ -141,6 +143,7 @@ def test_a_photograph_that_fails_is_told(simulated: Any) -> None:
         assert len(list(simulator.folder.glob("*.jpg"))) == 2
 
 
+@pytest.mark.system
 def test_a_vehicle_that_never_answers_is_named(simulated: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fvs_client.fly.link._ANSWER_S", 0.2)
     monkeypatch.setattr("fvs_client.fly.link._SILENCE_S", 1.0)

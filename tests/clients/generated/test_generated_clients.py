@@ -74,6 +74,7 @@ def _check(out: Path) -> None:
     assert mission["frames"]
 
 
+@pytest.mark.system
 def test_a_python_client_runs_the_loop(generated_for: Served, tmp_path: Path) -> None:
     _require(GENERATORS.is_dir(), "the generators are not installed: make setup")
     generated = _run(
@@ -102,6 +103,7 @@ def test_a_python_client_runs_the_loop(generated_for: Served, tmp_path: Path) ->
     _check(tmp_path)
 
 
+@pytest.mark.system
 def test_a_typescript_client_runs_the_loop(generated_for: Served, tmp_path: Path) -> None:
     found = shutil.which("node") is not None and NODE_MODULES.is_dir()
     _require(found, "Node.js or its packages are not installed: see CONTRIBUTING.md")

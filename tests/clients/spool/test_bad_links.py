@@ -40,6 +40,7 @@ def folder(tmp_path: Path, photograph: Callable[..., bytes]) -> Path:
     return made
 
 
+@pytest.mark.system
 def test_everything_arrives_once_through_breaks_failures_gaps_and_kills(
     folder: Path, url: str, client: Client
 ) -> None:
@@ -83,6 +84,7 @@ def test_everything_arrives_once_through_breaks_failures_gaps_and_kills(
     )
 
 
+@pytest.mark.system
 def test_a_break_loses_what_is_in_buffers_and_not_what_has_arrived(
     tmp_path: Path, url: str, client: Client, photograph: Callable[..., bytes]
 ) -> None:

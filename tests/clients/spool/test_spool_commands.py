@@ -137,6 +137,7 @@ def _command(*arguments: object) -> list[str]:
     return [sys.executable, "-m", "fvs_client", *map(str, arguments)]
 
 
+@pytest.mark.system
 @pytest.mark.process
 def test_a_watch_that_is_killed_goes_on_and_one_that_is_ended_exits_with_0(
     folder: Path, url: str, client: Client

@@ -141,6 +141,7 @@ def test_cameras_inside_the_output_folder(fvs: Fvs, kermit_dir: Path, out: Path,
     assert cameras.exists()
 
 
+@pytest.mark.system
 def test_a_disk_that_fills_up(fvs_command: Callable[..., list[str]], folder: Path, out: Path) -> None:
     for seed in range(3):
         _noise(folder / f"{seed}.tif", seed)

@@ -57,6 +57,7 @@ def test_views_are_chosen_and_everything_is_written(clean_run: tuple[Path, Any])
     assert len(read_ply(out / "point_cloud.ply")) == document["gaussians"]
 
 
+@pytest.mark.system
 def test_people_see_a_table_and_why_it_ended(fvs: Fvs, room_dir: Path, clean_run: tuple[Path, Any]) -> None:
     """The same command on a finished folder only says so again."""
     out, first = clean_run
@@ -70,6 +71,7 @@ def test_people_see_a_table_and_why_it_ended(fvs: Fvs, room_dir: Path, clean_run
     assert (out / "scene" / "full.safetensors").read_bytes() == before
 
 
+@pytest.mark.system
 def test_two_vehicles_fly_as_far_as_they_may(fvs: Fvs, room_dir: Path, tmp_path: Path) -> None:
     options = (*QUICK, "--initial", 4, "--budget", 14, "--nearest", 99, "--max-travel", 5, "--vehicles", 2)
     options = (*options, "--method", "farthest")
@@ -199,6 +201,7 @@ def test_ten_kills_change_nothing_with_structure_from_motion(
     assert any(view["registered"] for view in found["views"][5:])  # the model grew
 
 
+@pytest.mark.system
 def test_ctrl_c_ends_it_with_a_resumable_state(fvs_until: FvsUntil, room_dir: Path, tmp_path: Path) -> None:
     options = (*QUICK[:4], "--initial-iterations", 5_000, "--initial", 4, "--budget", 5)
     status, said = fvs_until(

@@ -107,6 +107,7 @@ def outer() -> Callable[[int], int]:
     return function
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("package")
 def test_two_processes_at_once_load_what_one_child_compiled_and_a_third_needs_no_child() -> None:
     both = [start(), start()]
@@ -117,6 +118,7 @@ def test_two_processes_at_once_load_what_one_child_compiled_and_a_third_needs_no
     assert run_here() == {"found": 50, "compiled_here": [], "reports": []}
 
 
+@pytest.mark.system
 def test_what_was_lost_or_depends_on_a_change_is_compiled_again_and_nothing_else(package: Path) -> None:
     """A change of a constant, and one in an inlined kernel, both in other files than the kernel's."""
     (package / "apart.py").write_text(INNER.replace("def inner", "def apart"))
@@ -149,6 +151,7 @@ def test_nothing_to_compile_where_numba_is_off() -> None:
     assert found == {"found": 50, "compiled_here": [], "reports": []}
 
 
+@pytest.mark.system
 def test_cancelling_ends_the_child(package: Path) -> None:
     (package / "warm_up.py").write_text("import time\n\nSTEPS = (lambda: time.sleep(120),)\n")
 

@@ -136,6 +136,7 @@ def test_a_colmap_model_fits_photographs_that_were_resized_and_renamed(
         assert camera.fx == pytest.approx(view.camera.fx / 2, rel=1e-3)
 
 
+@pytest.mark.system
 def test_a_photograph_that_kills_the_undistortion_is_left_out(
     workspace: Workspace, kermit_sfm: SfmResult, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):

@@ -28,6 +28,7 @@ def test_without_obstacles_legs_are_straight():
     assert legs.way(3, 4) == () == legs.way(3, 3)
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("seed", range(5))
 def test_ways_around_obstacles_are_the_shortest_of_all(seed):
     draw = np.random.default_rng(seed)
@@ -94,6 +95,7 @@ def test_groups_far_apart_are_joined():
     assert (found[0, 400:] <= 1.01 * straight[0, 400:]).all()
 
 
+@pytest.mark.system
 def test_two_thousand_places_take_seconds_and_little_memory():
     draw = np.random.default_rng(0)
     places = draw.uniform(-3.0, 3.0, size=(2_000, 3))

@@ -59,6 +59,7 @@ def test_of_many_targets_an_even_share_stands_for_all():
     assert variance.variance_after([0, 1, 2]) == pytest.approx(whole, rel=0.01)
 
 
+@pytest.mark.system
 def test_one_hundred_thousand_candidates_are_held_in_bounded_memory():
     variance = TargetVariance(points(500), points(100_000, seed=1), points(3, seed=2))
     assert len(variance.target_variances) == 200

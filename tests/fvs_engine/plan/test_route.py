@@ -22,6 +22,7 @@ def shortest(start, stops, end=None):
     return min(path_length([start, *order, *last]) for order in itertools.permutations(stops))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("has_end", [False, True])
 def test_routes_are_the_shortest_of_all_nearly_always(has_end):
     exact = 0

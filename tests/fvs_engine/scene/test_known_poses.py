@@ -37,6 +37,7 @@ def test_points_are_those_that_two_visited_views_saw(tmp_path: Path, ball: Datas
     assert source.localise(["7.png"], Monitor())["7.png"].camera == ball.by_name["7.png"].camera
 
 
+@pytest.mark.system
 def test_points_are_triangulated_where_the_dataset_has_none(tmp_path: Path, yard: Dataset) -> None:
     source = KnownPoses(tmp_path / "sfm", yard, SETTINGS)
     assert len(source.update(VISITED[:1], (), Monitor()).points) == 0

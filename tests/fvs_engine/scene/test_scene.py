@@ -54,6 +54,7 @@ def test_a_model_depends_on_its_views_and_not_on_how_they_came(
         assert_same(grown.train(quality, Monitor()), anew.train(quality, Monitor()))
 
 
+@pytest.mark.system
 def test_more_views_teach_more_than_as_many_iterations_on_fewer(
     tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
 ) -> None:

@@ -17,6 +17,7 @@ from fvs_engine.splat.raster import Rasterizer
 pytestmark = pytest.mark.usefixtures("all_native_here")
 
 
+@pytest.mark.system
 def test_a_scene_whose_cameras_are_found_on_the_way(
     tmp_path: Path,
     yard_dir: Path,

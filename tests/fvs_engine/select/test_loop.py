@@ -72,6 +72,7 @@ def test_photographs_are_measured_before_they_are_learnt_and_make_a_forecast(
     assert last.gain_db > 0
 
 
+@pytest.mark.system
 def test_it_ends_when_the_expected_quality_or_gain_says_so(
     room: Dataset, tmp_path: Path, clean_run: SelectionLoop
 ) -> None:
@@ -128,6 +129,7 @@ def test_training_follows_the_schedule(clean_run: SelectionLoop) -> None:
     assert [record.iterations for record in clean_run.records] == [25, 30, 35, 40]
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("pause", ["after every step", "after every choice"])
 def test_a_selection_that_is_opened_again_goes_on_as_if_nothing_had_happened(
     room: Dataset, clean_run: SelectionLoop, tmp_path: Path, pause: str
@@ -149,6 +151,7 @@ def _stop_there(*_arguments: object) -> StepRecord:
     raise Cancelled("Stopped between the choice and the visit.")
 
 
+@pytest.mark.system
 def test_cancelling_anywhere_changes_nothing(room: Dataset, clean_run: SelectionLoop, tmp_path: Path) -> None:
     """Stop requests that come at the 1st, 3rd, 9th, … report of runs that follow each other."""
 
@@ -309,6 +312,7 @@ def yard_begun(yard: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Path:
     return folder
 
 
+@pytest.mark.system
 def test_photographs_register_and_candidates_land_in_the_model(
     yard: Dataset, yard_begun: Path, tmp_path: Path
 ) -> None:
@@ -359,6 +363,7 @@ def test_poses_that_contradict_the_photographs_are_refused(
     assert loop.records == ()
 
 
+@pytest.mark.system
 def test_a_photograph_that_shares_too_little_waits_and_is_named(yard: Dataset, tmp_path: Path) -> None:
     images = shutil.copytree(yard.image_dir, tmp_path / "images")
     noise = np.random.default_rng(0).integers(0, 256, (240, 320, 3), dtype=np.uint8)

@@ -124,6 +124,7 @@ def test_the_jobs_of_a_thread_run_in_forks_of_one_child_that_ends_with_it(tmp_pa
     assert children[0].returncode is not None
 
 
+@pytest.mark.system
 def test_a_child_that_was_killed_between_two_jobs_is_replaced(tmp_path: Path):
     child = failed_job(tmp_path)
     child.kill()

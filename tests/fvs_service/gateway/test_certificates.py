@@ -49,6 +49,7 @@ def test_files_that_belong_together_are_accepted(
     require_certificates(_settings(files, names))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("names", "variable", "file"),
     [

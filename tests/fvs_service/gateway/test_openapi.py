@@ -167,6 +167,7 @@ def test_every_reference_in_the_document_leads_somewhere(document: dict[str, Any
     assert found <= {f"#/components/schemas/{name}" for name in document["components"]["schemas"]}
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("examples", [2, pytest.param(25, marks=pytest.mark.slow)])
 @pytest.mark.parametrize("mode", ["positive", "negative"])
 def test_whatever_is_sent_is_answered_as_the_document_says(serve: Any, mode: str, examples: int) -> None:

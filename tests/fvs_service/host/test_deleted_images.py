@@ -172,6 +172,7 @@ def test_nothing_but_the_last_event_is_read_while_nothing_is_deleted(
     ]
 
 
+@pytest.mark.system
 def test_deleted_photographs_go_while_their_scene_is_loaded_and_the_next_update_works(
     serving: Callable[..., Any], tmp_path: Path, courtyard_photographs: list[Path]
 ) -> None:

@@ -9,6 +9,7 @@ from fvs_engine.images.limits import ImageLimits
 from fvs_schema.images import Verdict
 
 
+@pytest.mark.system
 @pytest.mark.process
 def test_a_decoder_that_hangs_is_killed_and_the_next_image_is_inspected(
     photograph: Callable[..., bytes], tmp_path: Path

@@ -33,6 +33,7 @@ def _kill(service: RunningService) -> None:
             os.kill(pid, signal.SIGKILL)
 
 
+@pytest.mark.system
 @pytest.mark.process
 def test_an_upload_resumes_after_the_gateway_was_killed(
     tmp_path: Path, photograph: Callable[..., bytes]

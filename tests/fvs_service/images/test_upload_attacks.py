@@ -247,6 +247,7 @@ def test_a_key_that_may_only_read_adds_no_byte_to_an_upload(
     assert gateway.client.head(url, headers={**_VERSION, **owner}).headers["upload-offset"] == "10"
 
 
+@pytest.mark.system
 def test_very_many_uploads_leave_no_more_files_than_are_allowed(serve: Any) -> None:
     gateway = serve(limits={"partial_uploads_per_tenant": 5}, upload_place_s=100)
     scene = gateway.scene()
@@ -274,6 +275,7 @@ def test_a_clock_that_was_set_back_holds_up_nobody_for_longer_than_usual(
     assert (refused.status_code, refused.headers["retry-after"]) == (429, "100")
 
 
+@pytest.mark.system
 @pytest.mark.process
 def test_tuspy_goes_on_after_the_gateway_was_killed(tmp_path: Path, photograph: Callable[..., bytes]) -> None:
     root, content = tmp_path / "service", photograph(1, (640, 480))

@@ -153,6 +153,7 @@ def test_waiting_jobs_say_their_place_and_reason(gateway: Any) -> None:
     assert _waiting(gateway, "b", b[0])["reason"] == "no-worker"
 
 
+@pytest.mark.system
 def test_a_job_that_pauses_says_so_and_is_canceled_at_once(gateway: Any) -> None:
     headers = gateway.key("a")
     scene = gateway.scene(headers)

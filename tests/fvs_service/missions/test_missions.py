@@ -225,6 +225,7 @@ def test_the_plan_has_the_fence(gateway: Any, ranking: Any) -> None:
     assert _mission(gateway, ranking, format="csv", geofence="1,1").json()["errors"][0]["field"] == "geofence"
 
 
+@pytest.mark.system
 def test_options_at_and_beyond_their_limits_never_fail_the_service(gateway: Any, ranking: Any) -> None:
     document = gateway.client.get("/openapi.json").json()
     parameters = document["paths"]["/v1/rankings/{ranking_id}/mission"]["get"]["parameters"]

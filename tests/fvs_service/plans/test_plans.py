@@ -339,6 +339,7 @@ def test_what_cannot_be_planned_is_refused(
     assert problem["code"]
 
 
+@pytest.mark.system
 def test_two_thousand_candidates_are_planned(gateway: Any, scene: str) -> None:
     draw = np.random.default_rng(0)
     many = [

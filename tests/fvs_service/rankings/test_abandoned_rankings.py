@@ -32,6 +32,7 @@ def together(calls: list[Callable[[], Any]]) -> list[Any]:
     return results
 
 
+@pytest.mark.system
 def test_a_scene_is_usable_at_once_after_many_clients_hung_up(scene: Scene) -> None:
     clients, views = 12, 200  # 24 s of scoring
     together([lambda seed=seed: scene.abandon(views, seed, after_s=1.0) for seed in range(1, clients + 1)])

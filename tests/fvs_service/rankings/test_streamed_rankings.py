@@ -94,6 +94,7 @@ def test_scoring_stops_when_the_client_has_vanished(scene: Scene) -> None:
     assert scene.ask(5).status_code == 201
 
 
+@pytest.mark.system
 def test_a_deadline_ends_a_stream_with_the_error_of_a_ranking(scene: Scene) -> None:
     scene.scoring.may_end.clear()
     with _stream(scene, 40, **{"X-Timeout-S": "4"}) as stream:

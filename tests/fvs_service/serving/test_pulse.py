@@ -85,6 +85,7 @@ def _gateway_of(supervisor: int) -> int:
     return gateway
 
 
+@pytest.mark.system
 @pytest.mark.process
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for the gateway in /proc")
 def test_a_gateway_that_hangs_is_restarted(tmp_path: Path) -> None:
@@ -110,6 +111,7 @@ def test_a_gateway_that_hangs_is_restarted(tmp_path: Path) -> None:
         assert process.wait(20) in (0, -signal.SIGTERM)
 
 
+@pytest.mark.system
 @pytest.mark.process
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for the worker in /proc")
 def test_a_worker_that_hangs_is_restarted(tmp_path: Path) -> None:

@@ -61,6 +61,7 @@ def test_the_service_starts_answers_and_stops(tmp_path: Path) -> None:
         assert process.wait(20) in (0, -signal.SIGTERM)
 
 
+@pytest.mark.system
 def test_a_service_that_starts_again_gives_no_event_a_number_that_was_lost(tmp_path: Path) -> None:
     """A power cut may have undone the last events, which clients have seen; a service cannot know."""
     root = tmp_path / "service"

@@ -146,6 +146,7 @@ def test_a_right_that_the_credentials_lack_is_named(
         blobs.check_rights()
 
 
+@pytest.mark.system
 def test_a_store_that_comes_back_has_everything(
     server: ObjectStoreServer, settings: BlobSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -206,6 +206,7 @@ def test_workers_that_were_all_silent_claim_each_other_without_a_deadlock(databa
         assert at_once(*[lambda worker=worker: worker.beat() for worker in workers]) == []
 
 
+@pytest.mark.system
 def test_a_server_that_restarts_costs_an_error_and_nothing_else(own_server: PostgresqlServer) -> None:
     database = Database(own_server.create_database(uuid4().hex))
     database.migrate()

@@ -161,6 +161,7 @@ def test_cameras_can_come_from_a_colmap_model(
         np.testing.assert_allclose(centres[1][name], centre, atol=1e-9)
 
 
+@pytest.mark.system
 def test_known_intrinsics_are_kept_and_remembered(fvs: Fvs, kermit_copy: Path, tmp_path: Path) -> None:
     for path in sorted(kermit_copy.iterdir())[4:]:
         path.unlink()
@@ -216,6 +217,7 @@ def test_overwrite_starts_again(
     assert "rejected every model" in fvs("info", out, "--json").document["stage"]
 
 
+@pytest.mark.system
 def test_info_for_people(fvs: Fvs, first_run: tuple[Path, Any]) -> None:
     run = fvs("info", first_run[0])
     assert run.status == 0

@@ -37,6 +37,7 @@ def test_ranking_without_candidates(fvs: Fvs, first_run: tuple[Path, Any], tmp_p
         assert sheet.width > 300
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(("method", "estimated"), [("estimate", True), ("fast", False)])
 def test_ranking_by_other_methods(
     fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path, method: str, estimated: bool
@@ -162,6 +163,7 @@ def test_plans_keep_names_of_any_characters(fvs: Fvs, first_run: tuple[Path, Any
     assert all(pose["name"] in table for pose in run.document["poses"])
 
 
+@pytest.mark.system
 def test_a_plan_in_a_volume_keeps_clear_of_matter_and_zones(
     fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path
 ) -> None:

@@ -57,6 +57,7 @@ def test_kermit_is_registered_whole_by_one_mapper(kermit_sfm: SfmResult, kermit_
     assert len(kermit_sfm.reconstruction.points) == report.points > 300
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("native_here")
 def test_the_other_mapper_runs_where_the_gate_leaves_doubt(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
@@ -104,6 +105,7 @@ def test_a_damaged_report_is_written_again(
     assert SfmReport.model_validate_json((tmp_path / "sfm" / "report.json").read_text()) == again.report
 
 
+@pytest.mark.system
 def test_wrong_positions_are_named_as_a_possible_cause_and_can_be_left_out(
     kermit_sfm: SfmResult,
     kermit_dir: Path,
@@ -186,6 +188,7 @@ def test_work_that_is_cancelled_again_and_again_stops_at_once_and_gets_done(
     assert "matching" not in result.report.seconds
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("native_here")
 def test_added_images_keep_the_features_of_the_old_ones(six: Path, kermit_names: list[str], tmp_path: Path):
     folder = tmp_path / "sfm"
@@ -205,6 +208,7 @@ def test_one_image_is_refused_by_name(kermit_dir: Path, kermit_names: list[str],
         reconstruct(ImageSet(kermit_dir, kermit_names[:1]), tmp_path, SfmSettings(), Monitor())
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("native_here")
 def test_two_images_that_do_not_overlap_are_named(kermit_copy: Path, data_dir: Path, tmp_path: Path):
     stranger = sorted((data_dir / "fountain-P11" / "images").iterdir())[0]
@@ -218,6 +222,7 @@ def test_two_images_that_do_not_overlap_are_named(kermit_copy: Path, data_dir: P
     assert "overlap" in caught.value.hint
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("native_here")
 def test_an_image_of_something_else_is_left_out_and_named(
     kermit_sfm: SfmResult, kermit_copy: Path, kermit_names: list[str], data_dir: Path, tmp_path: Path
@@ -266,6 +271,7 @@ def test_walls_without_texture_are_refused_by_name(tmp_path: Path):
         )
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("native_here")
 def test_images_of_another_size_or_orientation_get_their_own_camera(yard_dir: Path, tmp_path: Path):
     images = tmp_path / "images"
@@ -286,6 +292,7 @@ def test_images_of_another_size_or_orientation_get_their_own_camera(yard_dir: Pa
     assert len({view.camera for view in result.reconstruction.views}) == 3
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("native_here")
 def test_known_intrinsics_stay_as_they_are(six: Path, kermit_names: list[str], tmp_path: Path):
     known = KnownIntrinsics(

@@ -245,6 +245,7 @@ def test_given_cameras_get_points_and_do_not_move(
     assert Finding.of(FindingCode.NO_IMAGE_OF_CAMERA, ["gone.jpg"]) in result.report.warnings
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("native_here")
 def test_points_in_two_images_alone_are_kept_however_many_images_there_are(
     kermit_sfm: SfmResult, kermit_dir: Path, tmp_path: Path
@@ -280,6 +281,7 @@ def test_given_cameras_follow_resized_photographs(
         triangulate(Reconstruction.of_views(wide), kermit_dir, kermit_folder, SfmSettings(), Monitor())
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("native_here")
 def test_other_cameras_get_other_points_and_photographs_their_own_cameras_again(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_folder: Path

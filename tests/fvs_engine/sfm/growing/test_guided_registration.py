@@ -114,6 +114,7 @@ def test_a_photograph_without_matches_is_registered_by_its_prior(
     assert np.linalg.norm(here[name].translation - truth[name].translation) < 0.01 * spread
 
 
+@pytest.mark.system
 def test_killed_between_matches_and_model_it_comes_to_the_same_model(
     unmatched: RegisterGuided, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ):
@@ -267,6 +268,7 @@ def test_images_of_a_camera_that_is_not_estimated_take_no_place_of_others(
     )
 
 
+@pytest.mark.system
 def test_an_image_that_a_call_does_not_get_to_counts_as_not_tried(
     unmatched: RegisterGuided, kermit_names: list[str], monkeypatch: pytest.MonkeyPatch
 ):

@@ -14,6 +14,7 @@ from fvs_engine.sfm.settings import SfmSettings
 from fvs_schema.findings import Finding, FindingCode, Severity
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_positions_that_the_images_contradict_are_ignored_by_the_first_model(
     mirrored: bool, kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
@@ -31,6 +32,7 @@ def test_positions_that_the_images_contradict_are_ignored_by_the_first_model(
     assert GrowthFolder(tmp_path).ignores_positions == mirrored
 
 
+@pytest.mark.system
 def test_an_image_that_its_position_contradicts_is_doubtful_once_priors_can_judge_it(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
 ) -> None:

@@ -41,6 +41,7 @@ def errors(yard_dir: Path, centres: dict[str, np.ndarray]) -> np.ndarray:
     return np.linalg.norm(umeyama(ours, theirs).apply(ours) - theirs, axis=1) / centre_spread(theirs)
 
 
+@pytest.mark.system
 def test_a_set_that_becomes_large_keeps_its_features_and_is_localised_in_by_those_of_its_images(
     yard_dir: Path, tmp_path: Path
 ) -> None:
@@ -65,6 +66,7 @@ def test_a_set_that_becomes_large_keeps_its_features_and_is_localised_in_by_thos
         assert np.array_equal(view.camera_from_model.matrix, again[name].camera_from_model.matrix)
 
 
+@pytest.mark.system
 def test_a_folder_whose_set_has_become_large_or_small_is_reconstructed_with_other_features(
     yard_dir: Path, tmp_path: Path
 ) -> None:
@@ -77,6 +79,7 @@ def test_a_folder_whose_set_has_become_large_or_small_is_reconstructed_with_othe
     assert counts[2] == counts[0]
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("native_here")
 def test_an_image_is_registered_by_the_matches_around_it_as_by_all(
     yard_dir: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -58,6 +58,7 @@ def test_the_model_frame_does_not_move(grown: Grown):
     assert np.linalg.norm(after - before, axis=1).max() < 2 * AGREEMENT * centre_spread(before)
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("native_here")
 def test_many_new_images_are_reconstructed_with_the_first_ones_in_their_frame(
     grown: Grown, images: Path, truth: Reconstruction, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
@@ -94,6 +95,7 @@ def test_an_image_that_cannot_be_registered_is_tried_again_when_the_scene_has_gr
     assert between.unregistered == ()
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("native_here")
 def test_an_image_is_tried_again_when_its_chances_have_changed_and_only_then(
     grown: Grown, images_copy: Path, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

@@ -12,6 +12,7 @@ from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.stages import SfmFolder
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("native_here")
 def test_images_that_all_left_and_came_back_take_new_ones(grown: Grown, images: Path, tmp_path: Path):
     """The stored result of the first model has image ids that are no longer in the database."""

@@ -27,6 +27,7 @@ def misleading(images_copy: Path) -> list[str]:
     return ["collage.jpg", *strangers(images_copy, 1)]
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("native_here")
 def test_strangers_and_collages_are_not_registered(
     grown: Grown, images_copy: Path, misleading: list[str], tmp_path: Path
@@ -71,6 +72,7 @@ def test_an_image_of_another_camera_is_registered_too(
     assert np.linalg.norm(guest.centre - added.centre) < 5 * AGREEMENT * spread
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("native_here")
 def test_first_images_that_do_not_overlap_support_no_model(tmp_path: Path):
     names = strangers(tmp_path, 3)

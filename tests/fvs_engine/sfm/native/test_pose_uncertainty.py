@@ -48,6 +48,7 @@ def check_new(model: pycolmap.Reconstruction, folder: Path, new: list[int]) -> d
     return growth.rejected
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("shared", [False, True])
 def test_the_standard_deviation_is_that_of_repeated_estimates(shared: bool):
     """Also when all points in a cell of the image have the same error (``shared``)."""

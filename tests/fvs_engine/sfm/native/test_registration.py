@@ -56,6 +56,7 @@ def test_an_image_is_rejected_after_the_camera_got_its_lens(
     assert pycolmap.Reconstruction(tmp_path / "out").camera(1).model_name == "RADIAL"
 
 
+@pytest.mark.system
 @pytest.mark.parametrize(
     ("name", "params"),
     [("SIMPLE_RADIAL", [705.0, 400.0, 300.0, 0.0]), ("RADIAL", [705.0, 400.0, 300.0, 0.0, 0.9])],

@@ -126,6 +126,7 @@ print(json.dumps([sum(k.stats.cache_misses.values()) for k in kernels]))
 """
 
 
+@pytest.mark.system
 @pytest.mark.process
 def test_a_second_process_compiles_nothing():
     create_rasterizer("cpu")  # the first process: nothing has to be compiled after this

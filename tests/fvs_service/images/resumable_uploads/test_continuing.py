@@ -53,6 +53,7 @@ def _kill(service: RunningService) -> None:
             os.kill(pid, signal.SIGKILL)
 
 
+@pytest.mark.system
 @pytest.mark.process
 @pytest.mark.parametrize("how", [signal.SIGKILL, signal.SIGTERM])
 def test_an_upload_goes_on_after_the_gateway_ended(

@@ -92,6 +92,7 @@ def test_capabilities_publish_the_limits(gateway: Any) -> None:
     assert limits["partial_uploads_per_tenant"] == gateway.settings.limits.partial_uploads_per_tenant
 
 
+@pytest.mark.system
 def test_unfinished_uploads_are_limited_and_the_smallest_that_waits_gives_way(
     serve: Any, photograph: Callable[..., bytes]
 ) -> None:
