@@ -5,7 +5,7 @@
 # make test       all checks and the quick tests of everything: make test WORKERS=6 for more than three processes at once
 # make unit       the tests that start no process and read no photograph
 # make test-system  whole flights, services, clients and experiments, from end to end; CI runs them after `make test`
-# make test-slow  the long checks, most of them on real photographs, and the unit tests with more examples
+# make test-slow  the long checks, most of them on real photographs, and the tests in one process with more examples
 # make coverage   branch coverage of `make test test-system`, with the processes that tests start
 # make docs       the documentation as a site in site/ (make docs && python -m http.server --directory site)
 # make generate   code that is made from other code: the synchronous client from clients/python/fvs_client/_async, and
@@ -83,7 +83,7 @@ kernels: setup
 
 test-slow: setup
 	$(BIN)/python -m pytest -m slow
-	HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest -n $(WORKERS) -m "unit and not slow"
+	HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest -n $(WORKERS) -m "(unit or integration) and not slow"
 
 # Child processes write their data beside the first one's, wherever they run.
 coverage: export COVERAGE_FILE := $(CURDIR)/.coverage

@@ -1,7 +1,8 @@
 """How the suite runs, and the photographs that several packages' tests share.
 
-Every test has exactly one of the marks ``unit``, ``process`` and ``real``; they are given here (``_kind``).
-A unit test that starts a process, listens on a port or reads a real photograph fails (``_Watch``).
+Every test has exactly one of the marks of ``_KINDS``; they are given here (``_kind``).
+A unit or integration test that starts a process, listens on a port or reads a real photograph fails
+(``_Watch``).
 """
 
 import contextlib
@@ -71,6 +72,21 @@ _PROCESS_FILES = (
     "fvs_service/host/test_protocol.py",
     "fvs_service/host/test_queue.py",
 )
+# Tests that train models, select views or solve whole problems, in this process.
+_INTEGRATION_FILES = (
+    "contract/test_worst_messages.py",
+    "fvs_engine/geometry/alignment/test_world.py",
+    "fvs_engine/lab/evaluate/",
+    "fvs_engine/scene/",
+    "fvs_engine/score/estimate/test_estimate.py",
+    "fvs_engine/score/test_median_frequency_fast.py",
+    "fvs_engine/select/",
+    "fvs_engine/sfm/native/test_pose_review.py",
+    "fvs_engine/sfm/native/test_pose_uncertainty.py",
+    "fvs_engine/sfm/verification/test_scale.py",
+    "fvs_engine/splat/test_trainer.py",
+)
+_KINDS = ("unit", "integration", "process", "real")
 # Tests that share a session's expensive fixtures run in one worker: beginning of a file's path → their group.
 _IN_ONE_WORKER = {
     "contract/": "contract",
@@ -132,7 +148,7 @@ def _has_cuda_device() -> bool:
 
 
 def _kind(item: pytest.Item, fixtures: set[str]) -> str:
-    marked = [kind for kind in ("unit", "process", "real") if item.get_closest_marker(kind)]
+    marked = [kind for kind in _KINDS if item.get_closest_marker(kind)]
     if len(marked) > 1:
         raise pytest.UsageError(f"{item.nodeid} is marked {' and '.join(marked)}; a test is of one kind.")
     if marked:
@@ -140,7 +156,9 @@ def _kind(item: pytest.Item, fixtures: set[str]) -> str:
     if "data_dir" in fixtures:
         return "real"
     file = item.path.relative_to(_TESTS).as_posix()
-    return "process" if fixtures & _STARTS_PROCESSES or file.startswith(_PROCESS_FILES) else "unit"
+    if fixtures & _STARTS_PROCESSES or file.startswith(_PROCESS_FILES):
+        return "process"
+    return "integration" if file.startswith(_INTEGRATION_FILES) else "unit"
 
 
 class _Scheduling(LoadScopeScheduling):
@@ -167,7 +185,7 @@ def _group(file: str) -> str | None:
 
 
 class _Watch:
-    """Fails a unit test for forbidden actions, even where the code catches every exception."""
+    """Fails a test in this process for forbidden actions, even where the code catches every exception."""
 
     EVENTS = ("subprocess.Popen", "os.fork", "os.forkpty", "os.posix_spawn", "socket.bind")
 
@@ -193,7 +211,7 @@ class _Watch:
 
     def _object(self, what: str) -> None:
         self.seen.append(what)
-        raise RuntimeError(f"This unit test {what}.")
+        raise RuntimeError(f"This test {what}.")
 
 
 _watch = _Watch()
@@ -202,20 +220,20 @@ sys.addaudithook(_watch)
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_setup(item: pytest.Item) -> Iterator[None]:
-    """Watch unit tests from their fixtures on."""
-    _watch.on = item.get_closest_marker("unit") is not None
+    """Watch unit and integration tests from their fixtures on."""
+    _watch.on = any(item.get_closest_marker(kind) for kind in ("unit", "integration"))
     return (yield)
 
 
 @pytest.hookimpl(wrapper=True, tryfirst=True)
 def pytest_runtest_teardown() -> Iterator[None]:
-    """Fail a unit test for what it did, whatever became of the exception."""
+    """Fail a test for what it did, whatever became of the exception."""
     try:
         return (yield)
     finally:
         _watch.on = False
         seen, _watch.seen = _watch.seen, []
-        assert not seen, f"This unit test {seen[0]}."
+        assert not seen, f"This test {seen[0]}."
 
 
 def _shared(tmp_path_factory: pytest.TempPathFactory) -> Path:
