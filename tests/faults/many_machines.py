@@ -204,7 +204,8 @@ def run(folder: Path, options: argparse.Namespace, stack: contextlib.ExitStack) 
                     for _, machine in back:  # somebody has to take the jobs
                         machine.start()
                     back.clear()
-                    silence(kind, workers, shared["FVS_DATABASE_URL"], takeovers, say)
+                    busy = wait_for_worker(workers, lambda: go_on(clients, jobs, photographs))
+                    silence(kind, busy, shared["FVS_DATABASE_URL"], takeovers, say)
                     was_frozen = True
         elif passed > due:
             due = passed + options.every
@@ -247,22 +248,20 @@ def run(folder: Path, options: argparse.Namespace, stack: contextlib.ExitStack) 
         machine.stop()
 
 
-def wait_for_worker(workers: list[Machine]) -> Machine:
-    """A machine whose worker has a runner."""
+def wait_for_worker(workers: list[Machine], give_work: Callable[[], None]) -> Machine:
+    """A machine whose worker has a runner; until there is one, ``give_work`` is called."""
     until = time.monotonic() + PATIENCE_S
     while time.monotonic() < until:
         for machine in workers:
             if machine.processes(_WORKER) and machine.processes(_RUNNER):
                 return machine
+        give_work()
         time.sleep(0.1)
     raise SystemExit("FAILED: no worker does anything")
 
 
-def silence(
-    kind: str, workers: list[Machine], url: str, takeovers: Takeovers, say: Callable[[str], None]
-) -> None:
+def silence(kind: str, machine: Machine, url: str, takeovers: Takeovers, say: Callable[[str], None]) -> None:
     """Freeze a worker, or cut its machine off, until another one has its jobs; back again, it must end."""
-    machine = wait_for_worker(workers)
     found = machine.processes(_WORKER)
     takeovers.lost(machine.name)
     if kind == "cut" and machine.host is not None:
