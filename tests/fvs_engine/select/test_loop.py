@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 import pytest
 from PIL import Image
-from selection_loops import loop_opener, run_to_end
+from selection_loops import loop_opener, run_to_end, smallest_scene
 
 from fvs_engine.errors import (
     Cancelled,
@@ -30,9 +30,7 @@ from fvs_schema.findings import FindingCode
 
 pytestmark = pytest.mark.usefixtures("all_native_here")
 
-SCENE = SceneSettings(
-    poses="known", long_side_px=64, initial_iterations=20, iterations_per_view=5, quick_share=1.0
-)
+SCENE = smallest_scene(initial_iterations=4, iterations_per_view=1)
 open_loop = loop_opener(scene=SCENE, initial=4, budget=8, nearest=6)
 
 
@@ -126,7 +124,7 @@ def test_travel_is_the_way_through_all_visited_centres(clean_run: SelectionLoop)
 
 
 def test_training_follows_the_schedule(clean_run: SelectionLoop) -> None:
-    assert [record.iterations for record in clean_run.records] == [25, 30, 35, 40]
+    assert [record.iterations for record in clean_run.records] == [5, 6, 7, 8]
 
 
 @pytest.mark.system
@@ -184,8 +182,8 @@ def test_another_seed_and_method_may_choose_otherwise_but_not_in_the_same_folder
         open_loop(tmp_path / "a", room, method="farthest", budget=5)
     with pytest.raises(OutputExistsError, match="hold_out was every and is random"):
         open_loop(tmp_path / "a", room, method="random", budget=5, hold_out="random")
-    scene = SCENE.model_copy(update={"iterations_per_view": 6})
-    with pytest.raises(OutputExistsError, match=r"scene\.iterations_per_view was 5 and is 6"):
+    scene = SCENE.model_copy(update={"iterations_per_view": 2})
+    with pytest.raises(OutputExistsError, match=r"scene\.iterations_per_view was 1 and is 2"):
         open_loop(tmp_path / "a", room, method="random", budget=5, scene=scene)
 
 

@@ -5,21 +5,18 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from selection_loops import loop_opener, run_to_end
+from selection_loops import loop_opener, run_to_end, smallest_scene
 
 from fvs_engine.errors import Cancelled, InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import path_length
 from fvs_engine.plan.reach import Reach
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.select.loop import Choice, SelectionLoop, StepRecord, StopReason
 
 pytestmark = pytest.mark.usefixtures("all_native_here")
 
-SCENE = SceneSettings(
-    poses="known", long_side_px=64, initial_iterations=10, iterations_per_view=1, quick_share=1.0
-)
+SCENE = smallest_scene(initial_iterations=1, iterations_per_view=0)
 open_loop = loop_opener(scene=SCENE, initial=3, budget=12, nearest=99, method="farthest")
 
 
@@ -31,7 +28,7 @@ def decided(loop: SelectionLoop) -> list[tuple[str, int, tuple[int, ...], float]
 @pytest.fixture(scope="module")
 def unlimited(room: Dataset, tmp_path_factory: pytest.TempPathFactory) -> SelectionLoop:
     """A selection by ``farthest`` without a limit. Tests must not change it."""
-    loop = open_loop(tmp_path_factory.mktemp("unlimited"), room)
+    loop = open_loop(tmp_path_factory.mktemp("unlimited"), room, budget=7)
     run_to_end(loop)
     return loop
 
@@ -41,14 +38,14 @@ def test_it_ends_before_the_view_that_would_exceed_the_travel(
     room: Dataset, tmp_path: Path, unlimited: SelectionLoop
 ) -> None:
     steps = [record.choice.distance for record in unlimited.records]
-    exact, less = sum(steps[:4]), sum(steps[:4]) * 0.999
-    for travel, count in ((exact, 4), (less, 3)):
+    exact, less = sum(steps[:3]), sum(steps[:3]) * 0.999
+    for travel, count in ((exact, 3), (less, 2)):
         loop = open_loop(tmp_path / str(count), room, max_travel=travel)
         stop = run_to_end(loop)
         assert stop.kind == "travel"
         assert "The travel is used" in stop.message
-        if count == 3:
-            assert f"the next view, {unlimited.records[3].chosen}," in stop.message
+        if count == 2:
+            assert f"the next view, {unlimited.records[2].chosen}," in stop.message
         assert loop.visited == unlimited.visited[: 3 + count]
         (vehicle,) = loop.vehicles.all
         assert vehicle.flown == pytest.approx(sum(steps[:count]))
@@ -88,7 +85,7 @@ def test_kriging_keeps_to_the_travel_where_reach_is_limited(room: Dataset, tmp_p
 @pytest.mark.system
 @pytest.mark.parametrize("method", ["farthest", "kriging"])
 def test_vehicles_take_turns_by_what_they_have_flown(room: Dataset, tmp_path: Path, method: str) -> None:
-    loop = open_loop(tmp_path, room, method=method, vehicles=3, budget=10)
+    loop = open_loop(tmp_path, room, method=method, vehicles=3, budget=8)
     assert run_to_end(loop).kind == "budget"
     centres = room.centres()
     at = dict.fromkeys((1, 2, 3), loop.initial[-1])
@@ -109,9 +106,9 @@ def test_vehicles_take_turns_by_what_they_have_flown(room: Dataset, tmp_path: Pa
 
 @pytest.mark.system
 def test_a_plan_that_vehicles_share_is_shorter_for_each_than_for_one(room: Dataset, tmp_path: Path) -> None:
-    alone = open_loop(tmp_path / "alone", room, method="kriging", budget=10)
+    alone = open_loop(tmp_path / "alone", room, method="kriging", budget=8)
     run_to_end(alone)
-    pair = open_loop(tmp_path / "pair", room, method="kriging", budget=10, vehicles=2)
+    pair = open_loop(tmp_path / "pair", room, method="kriging", budget=8, vehicles=2)
     run_to_end(pair)
     assert len(pair.visited) == len(alone.visited)
     assert max(v.flown for v in pair.vehicles.all) < 0.8 * alone.vehicles.all[0].flown
@@ -119,12 +116,12 @@ def test_a_plan_that_vehicles_share_is_shorter_for_each_than_for_one(room: Datas
 
 @pytest.mark.system
 def test_a_vehicle_that_has_landed_leaves_the_rest_to_the_others(room: Dataset, tmp_path: Path) -> None:
-    one = open_loop(tmp_path / "one", room, max_travel=11.0)
+    one = open_loop(tmp_path / "one", room, max_travel=8.0)
     assert run_to_end(one).kind == "travel"
-    two = open_loop(tmp_path / "two", room, max_travel=11.0, vehicles=2)
+    two = open_loop(tmp_path / "two", room, max_travel=8.0, vehicles=2)
     assert run_to_end(two).kind == "travel"
     assert len(two.visited) > len(one.visited)
-    assert all(vehicle.flown <= 11.0 * (1 + 1e-9) for vehicle in two.vehicles.all)
+    assert all(vehicle.flown <= 8.0 * (1 + 1e-9) for vehicle in two.vehicles.all)
     landed: tuple[int, ...] = ()
     for record in two.records:
         assert set(landed) <= set(record.choice.landed)
@@ -136,7 +133,7 @@ def test_a_vehicle_that_has_landed_leaves_the_rest_to_the_others(room: Dataset, 
 @pytest.mark.system
 @pytest.mark.parametrize("method", ["farthest", "kriging"])
 def test_it_goes_on_identically_after_a_stop_at_any_step(room: Dataset, tmp_path: Path, method: str) -> None:
-    changes = {"method": method, "max_travel": 6.0, "vehicles": 2, "budget": 8}
+    changes = {"method": method, "max_travel": 6.0, "vehicles": 2, "budget": 7}
     whole = open_loop(tmp_path / "whole", room, **changes)
     end = run_to_end(whole)
     resumed = open_loop(tmp_path / "resumed", room, **changes)

@@ -8,6 +8,7 @@ import torch
 from PIL import Image
 
 from fvs_engine.geometry import PinholeCamera, look_at
+from fvs_engine.lab.evaluate import plots
 from fvs_engine.lab.evaluate.protocol import Protocol
 from fvs_engine.lab.evaluate.results import Calibration, Evaluation, RankCorrelation, Run, ViewQuality
 from fvs_engine.scene.dataset import Dataset
@@ -54,7 +55,7 @@ def ring(tmp_path_factory: pytest.TempPathFactory) -> Dataset:
 
 @pytest.fixture(scope="session")
 def quick() -> Protocol:
-    """A protocol for ``ring`` that takes a second."""
+    """A protocol for ``ring`` whose models are its sparse points, hardly trained."""
     return Protocol(
         name="quick",
         initial=3,
@@ -64,10 +65,16 @@ def quick() -> Protocol:
         reach="all",
         test_every=4,
         long_side_px=64,
-        initial_iterations=20,
-        iterations_per_view=10,
-        max_gaussians=1_000,
+        initial_iterations=4,
+        iterations_per_view=2,
+        max_gaussians=POINTS,
     )
+
+
+@pytest.fixture(autouse=True)
+def coarse_plots(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Draw with few pixels, which is quicker."""
+    monkeypatch.setattr(plots, "_DPI", 50)
 
 
 @pytest.fixture

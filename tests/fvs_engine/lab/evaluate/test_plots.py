@@ -67,7 +67,7 @@ def ink(path: Path) -> float:
     """Share of pixels that are not background."""
     with Image.open(path) as image:
         pixels = np.asarray(image.convert("L"))
-    assert min(pixels.shape) > 300
+    assert min(pixels.shape) > 100
     return float((pixels < 250).mean())
 
 
