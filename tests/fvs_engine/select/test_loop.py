@@ -70,7 +70,6 @@ def test_photographs_are_measured_before_they_are_learnt_and_make_a_forecast(
     assert last.gain_db > 0
 
 
-@pytest.mark.system
 def test_it_ends_when_the_expected_quality_or_gain_says_so(
     room: Dataset, tmp_path: Path, clean_run: SelectionLoop
 ) -> None:
@@ -127,7 +126,6 @@ def test_training_follows_the_schedule(clean_run: SelectionLoop) -> None:
     assert [record.iterations for record in clean_run.records] == [5, 6, 7, 8]
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("pause", ["after every step", "after every choice"])
 def test_a_selection_that_is_opened_again_goes_on_as_if_nothing_had_happened(
     room: Dataset, clean_run: SelectionLoop, tmp_path: Path, pause: str
@@ -149,7 +147,6 @@ def _stop_there(*_arguments: object) -> StepRecord:
     raise Cancelled("Stopped between the choice and the visit.")
 
 
-@pytest.mark.system
 def test_cancelling_anywhere_changes_nothing(room: Dataset, clean_run: SelectionLoop, tmp_path: Path) -> None:
     """Stop requests that come at the 1st, 3rd, 9th, … report of runs that follow each other."""
 

@@ -13,6 +13,7 @@ from fvs_engine.select import trajectory
 from fvs_engine.select.trajectory import draw_trajectory, top_view
 from fvs_engine.views import View
 
+
 @pytest.fixture(autouse=True)
 def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
     """Draw with few pixels, which is quicker."""

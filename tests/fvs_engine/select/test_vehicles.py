@@ -33,7 +33,6 @@ def unlimited(room: Dataset, tmp_path_factory: pytest.TempPathFactory) -> Select
     return loop
 
 
-@pytest.mark.system
 def test_it_ends_before_the_view_that_would_exceed_the_travel(
     room: Dataset, tmp_path: Path, unlimited: SelectionLoop
 ) -> None:
@@ -54,7 +53,6 @@ def test_it_ends_before_the_view_that_would_exceed_the_travel(
         assert loop.travel == pytest.approx(path_length(centres))
 
 
-@pytest.mark.system
 def test_kriging_plans_within_the_travel(room: Dataset, tmp_path: Path, unlimited: SelectionLoop) -> None:
     """With a travel in which ``farthest`` visits two views."""
     travel = sum(record.choice.distance for record in unlimited.records[:2])
@@ -69,7 +67,6 @@ def test_kriging_plans_within_the_travel(room: Dataset, tmp_path: Path, unlimite
     assert free.outlook.end.variance < ends[0] - 1e-3  # more can be had without a limit
 
 
-@pytest.mark.system
 def test_kriging_keeps_to_the_travel_where_reach_is_limited(room: Dataset, tmp_path: Path) -> None:
     spacing = float(np.median(np.linalg.norm(np.diff(list(room.centres().values()), axis=0), axis=1)))
     loop = open_loop(tmp_path, room, method="kriging", nearest=4, max_travel=5 * spacing)
@@ -82,7 +79,6 @@ def test_kriging_keeps_to_the_travel_where_reach_is_limited(room: Dataset, tmp_p
     assert nearest > 5 * spacing - loop.vehicles.all[0].flown  # nothing is left in the battery
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("method", ["farthest", "kriging"])
 def test_vehicles_take_turns_by_what_they_have_flown(room: Dataset, tmp_path: Path, method: str) -> None:
     loop = open_loop(tmp_path, room, method=method, vehicles=3, budget=8)
@@ -104,7 +100,6 @@ def test_vehicles_take_turns_by_what_they_have_flown(room: Dataset, tmp_path: Pa
     assert loop.records[-1].travel == pytest.approx(loop.travel)
 
 
-@pytest.mark.system
 def test_a_plan_that_vehicles_share_is_shorter_for_each_than_for_one(room: Dataset, tmp_path: Path) -> None:
     alone = open_loop(tmp_path / "alone", room, method="kriging", budget=8)
     run_to_end(alone)
@@ -114,7 +109,6 @@ def test_a_plan_that_vehicles_share_is_shorter_for_each_than_for_one(room: Datas
     assert max(v.flown for v in pair.vehicles.all) < 0.8 * alone.vehicles.all[0].flown
 
 
-@pytest.mark.system
 def test_a_vehicle_that_has_landed_leaves_the_rest_to_the_others(room: Dataset, tmp_path: Path) -> None:
     one = open_loop(tmp_path / "one", room, max_travel=8.0)
     assert run_to_end(one).kind == "travel"
@@ -130,7 +124,6 @@ def test_a_vehicle_that_has_landed_leaves_the_rest_to_the_others(room: Dataset, 
     assert landed  # one of them ended before the other
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("method", ["farthest", "kriging"])
 def test_it_goes_on_identically_after_a_stop_at_any_step(room: Dataset, tmp_path: Path, method: str) -> None:
     changes = {"method": method, "max_travel": 6.0, "vehicles": 2, "budget": 7}

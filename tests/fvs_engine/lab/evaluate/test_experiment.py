@@ -70,7 +70,6 @@ def decided(summary: Summary) -> list[dict[str, object]]:
     return [run.model_dump(exclude={"selection_s", "seconds"}) for run in summary.runs]
 
 
-@pytest.mark.system
 def test_several_trainings_of_the_last_views_are_averaged(
     tmp_path: Path, ring: Dataset, quick: Protocol, cpu: Rasterizer
 ) -> None:
@@ -141,7 +140,6 @@ def stop_after(count: int, *, killed: bool) -> Monitor:
     return monitor
 
 
-@pytest.mark.system
 @pytest.mark.usefixtures("with_pictures")
 def test_runs_of_one_seed_differ_by_the_selector_alone(
     ring: Dataset, quick: Protocol, cpu: Rasterizer, tmp_path: Path
@@ -224,7 +222,6 @@ def test_a_stopped_experiment_goes_on_and_repeats_no_finished_run(
     assert executed == []
 
 
-@pytest.mark.system
 def test_runs_that_had_too_little_time_go_on_with_more(
     ring: Dataset, quick: Protocol, cpu: Rasterizer, whole: Summary, tmp_path: Path
 ) -> None:
@@ -254,7 +251,6 @@ def test_a_calibration_asked_for_later_is_made_at_every_view_count(
     assert later.rows[0].psnr_db == without.rows[0].psnr_db
 
 
-@pytest.mark.system
 @pytest.mark.usefixtures("with_pictures")
 def test_a_run_that_fails_is_named_and_the_others_go_on(
     ring: Dataset, quick: Protocol, cpu: Rasterizer, tmp_path: Path, monkeypatch: pytest.MonkeyPatch

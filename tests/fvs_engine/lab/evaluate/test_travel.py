@@ -89,7 +89,6 @@ def whole(done: SimpleNamespace, ring: Dataset, protocol: Protocol, cpu: Rasteri
     return done
 
 
-@pytest.mark.system
 def test_a_run_is_measured_before_it_exceeds_each_quarter(
     whole: SimpleNamespace, ring: Dataset, protocol: Protocol
 ) -> None:
@@ -112,7 +111,6 @@ def test_a_run_is_measured_before_it_exceeds_each_quarter(
     assert ended["kriging"][1] > ended["farthest"][1]
 
 
-@pytest.mark.system
 def test_what_is_measured_at_a_quarter_is_what_a_run_of_that_travel_ends_with(
     whole: SimpleNamespace, ring: Dataset, protocol: Protocol, cpu: Rasterizer, tmp_path: Path
 ) -> None:
@@ -139,7 +137,6 @@ class Killed(BaseException):
     """Stands for a kill: nothing in the engine catches it."""
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("number", [1, 3, 6])
 def test_a_run_that_is_killed_while_it_is_measured_goes_on(
     whole: SimpleNamespace,
@@ -166,7 +163,6 @@ def test_a_run_that_is_killed_while_it_is_measured_goes_on(
     assert decided(execute(tmp_path, ring, protocol, cpu)) == decided(whole.summary)
 
 
-@pytest.mark.system
 def test_vehicles_have_the_travel_each_and_are_reported_one_by_one(
     whole: SimpleNamespace, ring: Dataset, protocol: Protocol, cpu: Rasterizer, tmp_path: Path
 ) -> None:
