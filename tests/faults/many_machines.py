@@ -49,7 +49,7 @@ from fvs_engine.monitor import Monitor
 STORE_AWAY_S = 20.0
 PATIENCE_S = 900.0
 _EVENTS_OF_JOB = "SELECT count(*) FROM events WHERE scene_id = %s AND kind = ANY(%s) AND data->>'job_id' = %s"
-_WORKER, _RUNNER = "serving.process worker", "worker.runner.process"
+_WORKER, _RUNNER = "serving.process worker", "host.runner.process"
 ENDED = ("succeeded", "failed", "canceled")
 
 
