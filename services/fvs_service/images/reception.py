@@ -9,7 +9,6 @@ from fvs_schema.images import Image
 from fvs_service.application import Application
 from fvs_service.errors import (
     ChecksumMismatchError,
-    ConflictError,
     DigestMismatchError,
     InvalidRequestError,
     MalformedRequestError,
@@ -78,8 +77,8 @@ class Reception:
         """Write the body, all bytes from ``offset`` on, and return the image, and whether it is new.
 
         An upload that does not exist begins. While another request sends it, this one waits. Of an image that
-        the scene has, the body is not read. Raises ``ConflictError`` unless the bytes before ``offset`` have
-        arrived, ``MalformedRequestError`` when the body ends early, and the errors of storing an image.
+        the scene has, the body is not read. Raises ``OffsetMismatchError`` unless the bytes before ``offset``
+        have arrived, ``MalformedRequestError`` when the body ends early, and the errors of storing an image.
         """
         upload = self._upload
         async with self._app.upload_locks.locked(upload.id, place, waits=True):
@@ -95,12 +94,12 @@ class Reception:
             return await self._stored()
 
     def _known_or_continued(self, offset: int) -> Image | None:
-        """The image if the scene has it; else raises ``ConflictError`` if ``offset`` has not arrived."""
+        """The image if the scene has it; else raises ``OffsetMismatchError`` unless ``offset`` has arrived."""
         known = self._known()
         if known is not None:
             self._app.uploads.discard_bytes(self._upload)
         elif offset and offset != (arrived := self._app.uploads.arrived_bytes(self._upload) or 0):
-            raise ConflictError(
+            raise OffsetMismatchError(
                 f"{arrived} bytes of the image have arrived, not {offset}.",
                 hint="GetUpload returns the offset to resume at; if it finds none, send the whole image.",
             )

@@ -11,7 +11,7 @@ from typing import Any
 import httpx2
 import pytest
 from fvs.v1.images_pb2 import UploadImageRequest
-from fvs_service.errors import ConflictError, LimitExceededError, MalformedRequestError
+from fvs_service.errors import LimitExceededError, MalformedRequestError, OffsetMismatchError
 from fvs_service.images.uploads import Upload, Uploads
 from grpc_uploads import upload_over_grpc
 from tus_device import Device, bytes_on_disk, sha256_of, wait_until
@@ -163,7 +163,7 @@ def test_an_offset_at_which_nothing_has_arrived_is_refused(
     gateway: Any, photograph: Callable[..., bytes]
 ) -> None:
     device = Device(gateway.client, gateway.scene(), photograph(1))
-    with pytest.raises(ConflictError, match="0 bytes"):
+    with pytest.raises(OffsetMismatchError, match="0 bytes"):
         _over_grpc(gateway, device, _PART)
 
 
