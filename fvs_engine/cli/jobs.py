@@ -17,7 +17,6 @@ from fvs_engine.cli.exit_codes import INTERRUPTED, exit_code_of
 from fvs_engine.cli.progress import Display, create_display
 from fvs_engine.errors import Cancelled, EngineError
 from fvs_engine.monitor import Monitor
-from fvs_engine.wording import text
 
 _SIGNALS = (signal.SIGINT, signal.SIGTERM)
 
@@ -42,7 +41,7 @@ def run_job(job: Callable[[Monitor], _Result], *, machine: bool, remedies: Remed
     outcome: list[_Result] = []
     failure: list[BaseException] = []
     with create_display(machine=machine) as display:
-        monitor = Monitor(display.update, on_warning=lambda finding: display.show(text(finding)))
+        monitor = Monitor(display.update, on_warning=display.warn)
 
         def run() -> None:
             try:

@@ -26,6 +26,8 @@ from rich.table import Column
 from rich.text import Text
 
 from fvs_engine.monitor import Progress
+from fvs_engine.wording import notice, text
+from fvs_schema.findings import Finding
 from fvs_schema.stages import Stage
 
 _LOG_EVERY_S = 10.0
@@ -70,6 +72,10 @@ class Display(Protocol):
 
     def show(self, message: str) -> None:
         """Show a message."""
+        ...
+
+    def warn(self, finding: Finding) -> None:
+        """Show a warning."""
         ...
 
 
@@ -178,6 +184,10 @@ class BarDisplay:
         """Print above the bars."""
         self._console.print(message, markup=False, highlight=False)
 
+    def warn(self, finding: Finding) -> None:
+        """Print its sentences above the bars."""
+        self.show(text(finding))
+
     def _end(self, task: TaskID) -> None:
         state = next(known for known in self._bars.tasks if known.id == task)
         if not state.finished:
@@ -244,9 +254,13 @@ class LogDisplay(_StreamDisplay):
         with self._lock:
             self._write(message)
 
+    def warn(self, finding: Finding) -> None:
+        """Write its sentences as a line."""
+        self.show(text(finding))
+
 
 class JsonDisplay(_StreamDisplay):
-    """One JSON object per line: ``{"stage", "done", "total", …}`` or ``{"message"}``."""
+    """One JSON object per line: ``{"stage", "done", "total", …}``, ``{"message"}`` or ``{"warning"}``."""
 
     def update(self, progress: Progress) -> None:
         """Write the report unless the last one was written within ``_JSON_EVERY_S``."""
@@ -268,3 +282,8 @@ class JsonDisplay(_StreamDisplay):
         """Write the message."""
         with self._lock:
             self._write(json.dumps({"message": message}))
+
+    def warn(self, finding: Finding) -> None:
+        """Write the record, with its sentences, as the service answers it."""
+        with self._lock:
+            self._write(json.dumps({"warning": notice(finding).model_dump(mode="json")}))

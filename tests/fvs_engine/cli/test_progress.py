@@ -5,6 +5,7 @@ from rich.console import Console
 
 from fvs_engine.cli.progress import BarDisplay, JsonDisplay, LogDisplay
 from fvs_engine.monitor import Progress
+from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.stages import Stage
 
 
@@ -14,12 +15,24 @@ def test_machines_get_json_lines() -> None:
         display.update(Progress(Stage.TRAINING, 1, 3, {"loss": 0.5}))
         display.update(Progress(Stage.TRAINING, 2, 3, {"loss": 0.4}))
         display.update(Progress(Stage.TRAINING, 3, 3, {"loss": 0.3}))
+        display.warn(Finding.of(FindingCode.FEW_FEATURES, ["a.jpg"]))
         display.show("done")
     lines = [json.loads(line) for line in stream.getvalue().splitlines()]
     # The second report follows the first within the interval and is left out; the last one never is.
     assert lines == [
         {"stage": "training", "done": 1, "total": 3, "loss": 0.5},
         {"stage": "training", "done": 3, "total": 3, "loss": 0.3},
+        {
+            "warning": {
+                "code": "few-features",
+                "severity": "warning",
+                "images": ["a.jpg"],
+                "numbers": {},
+                "texts": {},
+                "message": "Almost no texture in a.jpg.",
+                "hint": "Photograph something with structure, in focus and in light.",
+            }
+        },
         {"message": "done"},
     ]
 

@@ -33,9 +33,10 @@ def test_good_photographs_are_used_and_bad_ones_are_named(first_run: tuple[Path,
     assert len(images["photographs"]) == 11
     reasons = {image["name"]: image["reason"] for image in images["rejected"]}
     assert set(reasons) == {"the first again.jpg", "cut off.jpg", "letter.jpg"}
-    messages = [json.loads(line).get("message", "") for line in run.stderr.splitlines()]
+    warnings = [json.loads(line).get("warning", {}) for line in run.stderr.splitlines()]
+    unusable = [warning for warning in warnings if warning.get("code") == "unusable-photograph"]
     for name, reason in reasons.items():
-        assert any(name in message and reason in message for message in messages)
+        assert any(warning["images"] == [name] and reason in warning["message"] for warning in unusable)
 
 
 def test_the_photographs_are_registered_and_learned(first_run: tuple[Path, Any]) -> None:
