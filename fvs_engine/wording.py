@@ -309,6 +309,15 @@ AGAINST = {
 }
 """Statuses of candidates that are not feasible → what is against them."""
 
+BLOCKED = {
+    CandidateStatus.NO_FLY: ("in a no-fly zone", "smaller zones"),
+    CandidateStatus.TOO_CLOSE: (
+        "inside a solid part of the model, or within the safety distance of one",
+        "a shorter safety distance",
+    ),
+}
+"""What blocks all ways from a vehicle's start → where the start is, and the remedy beside another start."""
+
 
 def sentence(finding: Finding) -> str:
     """What was found, for people."""
@@ -341,7 +350,10 @@ def _fields(finding: Finding) -> dict[str, object]:
         if status in finding.numbers
     ]
     pairs = [f"{first} and {second}" for first, second in zip(images[::2], images[1::2], strict=False)]
+    where, remedy = BLOCKED.get(CandidateStatus(finding.texts.get("status", "ranked")), ("", ""))
     return {
+        "where": where,
+        "remedy": remedy,
         "images": listed(images),
         "pairs": listed(pairs),
         "count": len(images),

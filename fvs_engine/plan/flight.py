@@ -8,7 +8,8 @@ from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.plan.clearance import FreeSpace
-from fvs_engine.plan.route import Blocked
+from fvs_engine.wording import BLOCKED
+from fvs_schema.candidates import CandidateStatus
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -73,7 +74,7 @@ class FreeLegs:
         if apart:
             self._join(np.unique(np.sort(np.array(apart, dtype=np.int64), axis=1), axis=0))
 
-    def blocked(self, place: int) -> Blocked | None:
+    def blocked(self, place: int) -> CandidateStatus | None:
         """See ``Legs``."""
         return _blocked(self._points[place], self._space)
 
@@ -125,23 +126,19 @@ def free_legs(candidates: Array, starts: Array, space: FreeSpace) -> FreeLegs:
     obstacles = [_blocked(start, space) for start in starts]
     if (first := obstacles[0]) is not None and None not in obstacles:
         number = f"vehicle 1 of {len(starts)}" if len(starts) > 1 else "the vehicle"
+        where, remedy = BLOCKED[first]
         raise InvalidInputError(
-            f"The start of {number} is {first.where}: no way leads out.",
-            hint=f"Give another start, or {first.remedy}.",
+            f"The start of {number} is {where}: no way leads out.",
+            hint=f"Give another start, or {remedy}.",
         )
     return FreeLegs(np.concatenate([candidates, starts]), space)
 
 
-def _blocked(point: Array, space: FreeSpace) -> Blocked | None:
+def _blocked(point: Array, space: FreeSpace) -> CandidateStatus | None:
     """What keeps all ways from leading from a ``point`` [3]."""
     if not space.allowed(point[None])[0]:
-        return Blocked("in a no-fly zone", "smaller zones")
-    if not space.clear(point[None])[0]:
-        return Blocked(
-            "inside a solid part of the model, or within the safety distance of one",
-            "a shorter safety distance",
-        )
-    return None
+        return CandidateStatus.NO_FLY
+    return None if space.clear(point[None])[0] else CandidateStatus.TOO_CLOSE
 
 
 def _all(count: int, which: str = "") -> str:

@@ -44,8 +44,8 @@ def grounded_vehicles(
             continue
         nearest = float(legs.between(np.array([start]), candidates).min(initial=np.inf))
         if (blocked := legs.blocked(start)) is not None:
-            code, where, remedy = FindingCode.VEHICLE_BLOCKED, blocked.where, blocked.remedy
-            yield Finding.of(code, vehicle=number, of=of, where=where, remedy=remedy)
+            code = FindingCode.VEHICLE_BLOCKED
+            yield Finding.of(code, vehicle=number, of=of, status=blocked.value)
         elif not np.isfinite(nearest):
             yield Finding.of(FindingCode.VEHICLE_WITHOUT_WAY, vehicle=number, of=of)
         elif budget.there(nearest) > budget.left(number - 1):

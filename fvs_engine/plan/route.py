@@ -7,10 +7,12 @@ a plan (docs/design/planning.md), without a dependency of 30 MB.
 import itertools
 import math
 from collections.abc import Sequence
-from typing import NamedTuple, Protocol
+from typing import Protocol
 
 import numpy as np
 from numpy.typing import NDArray
+
+from fvs_schema.candidates import CandidateStatus
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -19,13 +21,6 @@ _LONGEST_SEGMENT = 3
 """Maximum number of stops that Or-opt moves together."""
 _LEAST = 1e-12
 _BLOCKED = 1e3
-
-
-class Blocked(NamedTuple):
-    """Why no way leads from a place: ``where`` it is, and the ``remedy`` beside another place."""
-
-    where: str
-    remedy: str
 
 
 class Legs(Protocol):
@@ -43,8 +38,8 @@ class Legs(Protocol):
         """Search shorter ways between pairs of places that will be flown."""
         ...
 
-    def blocked(self, place: int) -> Blocked | None:
-        """What blocks all ways from a place; None where it is free."""
+    def blocked(self, place: int) -> CandidateStatus | None:
+        """What blocks all ways from a place, a zone or matter; None where it is free."""
         ...
 
 

@@ -214,7 +214,7 @@ def test_a_vehicle_that_cannot_fly_is_named_and_the_others_fly(gateway: Any, sce
     (warning,) = plan["warnings"]
     assert warning["code"] == "vehicle-blocked"
     assert warning["message"] == "Vehicle 1 of 2 gets no tour: its start is in a no-fly zone."
-    assert warning["numbers"] == {"vehicle": 1, "of": 2}
+    assert (warning["numbers"], warning["texts"]) == ({"vehicle": 1, "of": 2}, {"status": "no-fly"})
     assert warning["hint"] == "Give it another start, or smaller zones."
     none = _plan(gateway, scene, **asked, vehicles=vehicles[:1])
     assert none.status_code == 422
