@@ -37,6 +37,7 @@ from fvs_engine.sfm.warnings import without_doubts, without_registered
 from fvs_engine.views import AnyView
 from fvs_schema.findings import Finding, FindingCode
 
+_UNUSED_PRIORS = (FindingCode.POSITIONS_IGNORED, FindingCode.FROZEN_POSITIONS)
 _MIN_BOOTSTRAP = 2
 
 
@@ -271,9 +272,7 @@ class GrowingReconstruction:
                 "mapped_support": chosen.evidence.match_support if chosen.evidence is not None else 0.0,
                 "unreported": (*self._state.unreported, *result.report.warnings),
                 "priors_ignored": tuple(
-                    warning
-                    for warning in result.report.warnings
-                    if warning.code is FindingCode.POSITIONS_IGNORED
+                    found for found in result.report.warnings if found.code in _UNUSED_PRIORS
                 ),
             }
         )

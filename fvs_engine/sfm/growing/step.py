@@ -1,6 +1,6 @@
 """One step of a growing reconstruction: matching, registration and, when due, a re-map of all images."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -67,8 +67,7 @@ def step(
     change = guide(stages, folder, change, usable, decided.priors)
     change = _remap_if_due(stages, folder, change, decided.priors)
     ignored = (*frozen, *decided.ignored)
-    news = [finding for finding in ignored if finding not in state.priors_ignored]
-    warnings = [*stages.warnings, *news, *change.warnings]
+    warnings = [*stages.warnings, *_news(ignored, state), *change.warnings]
     named = {name for finding in warnings for name in finding.images}
     unnamed = [name for name in state.pending if name in with_features and name not in named]
     warnings += _unregistered(unnamed, matched, change.state)
@@ -135,15 +134,20 @@ def _adjusts_all(state: GrowthState, new: int, settings: GrowthSettings) -> bool
 
 def _from_all(stages: Stages, before: GrowthState, change: ModelChange, ignored: tuple[Finding, ...]) -> Step:
     """The step to a model that was made of all images together."""
-    news = (finding for finding in ignored if finding not in before.priors_ignored)
     update = {"pending": (), "priors_ignored": ignored, "bootstrap_images": len(change.state.images)}
     return Step(
         change.state.model_copy(update=update),
         changed=True,
-        warnings=(*news, *stages.warnings, *change.warnings),
+        warnings=(*_news(ignored, before), *stages.warnings, *change.warnings),
         from_all=True,
         replaced=True,
     )
+
+
+def _news(ignored: Iterable[Finding], before: GrowthState) -> list[Finding]:
+    """The findings about ``ignored`` priors whose kind the update ``before`` did not have."""
+    known = {finding.code for finding in before.priors_ignored}
+    return [finding for finding in ignored if finding.code not in known]
 
 
 def _unregistered(new: Sequence[str], matched: Sequence[str], state: GrowthState) -> list[Finding]:

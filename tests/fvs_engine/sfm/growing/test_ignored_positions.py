@@ -3,6 +3,7 @@
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from fvs_engine.monitor import Monitor
@@ -52,3 +53,18 @@ def test_an_image_that_its_position_contradicts_is_doubtful_once_priors_can_judg
     (doubt,) = warnings(0.01)
     assert (doubt.code, doubt.severity) == (FindingCode.FAR_FROM_PRIORS, Severity.DOUBT)
     assert doubt.images == (kermit_names[3],)
+
+
+def test_that_the_receiver_froze_is_said_once(
+    kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+) -> None:
+    shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
+    (tmp_path / "sfm" / "report.json").unlink()
+    growing = GrowingReconstruction.open(tmp_path, kermit_dir, SfmSettings(), Monitor())
+    said = []
+    for names in (kermit_names[:-1], kermit_names):
+        priors = PosePriors(by_name={name: PosePrior.at(np.ones(3), 0.1) for name in names})
+        warnings = growing.add(names, Monitor(), priors).warnings
+        growing.acknowledge()
+        said.append([warning.code for warning in warnings].count(FindingCode.FROZEN_POSITIONS))
+    assert said == [1, 0]
