@@ -94,7 +94,7 @@ class Reception:
             return await self._stored()
 
     def _known_or_continued(self, offset: int) -> Image | None:
-        """The image if the scene has it; else raises ``OffsetMismatchError`` unless ``offset`` has arrived."""
+        """The image if the scene has it; else raises ``OffsetMismatchError`` if it must begin elsewhere."""
         known = self._known()
         if known is not None:
             self._app.uploads.discard_bytes(self._upload)
