@@ -16,7 +16,7 @@ from fvs_engine.lab.evaluate.protocol import PRESETS
 Fvs = Callable[..., Any]
 FvsUntil = Callable[..., tuple[int, str]]
 OPTIONS = (
-    *("--long-side", 64, "--initial-iterations", 20, "--iterations-per-view", 5, "--max-gaussians", 2_000),
+    *("--long-side", 64, "--initial-iterations", 4, "--iterations-per-view", 1, "--max-gaussians", 1_000),
     *("--methods", "farthest,median-frequency", "--seeds", "0,1", "--views", "4,6"),
 )
 
@@ -32,7 +32,6 @@ def clean_run(fvs: Fvs, room_dir: Path, tmp_path_factory: pytest.TempPathFactory
     return out, fvs("evaluate", room_dir, "--out", out, "--json", "--calibrate", *OPTIONS)
 
 
-@pytest.mark.system
 def test_the_table_and_its_plots_are_written(clean_run: tuple[Path, Any]) -> None:
     out, run = clean_run
     assert run.status == 0, run.stderr
@@ -63,7 +62,6 @@ def test_people_see_the_last_count_and_nothing_is_run_again(
     assert {path: path.stat().st_mtime_ns for path in out.glob("runs/**/*.json")} == before
 
 
-@pytest.mark.system
 def test_travel_is_a_budget(fvs: Fvs, room_dir: Path, tmp_path: Path) -> None:
     options = (*OPTIONS[:8], "--preset", "travel", "--methods", "farthest,kriging", "--seeds", 0)
     options = (*options, "--views", 9, "--max-travel", 4, "--vehicles", 2)

@@ -22,22 +22,21 @@ def shortest(start, stops, end=None):
     return min(path_length([start, *order, *last]) for order in itertools.permutations(stops))
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("has_end", [False, True])
 def test_routes_are_the_shortest_of_all_nearly_always(has_end):
     exact = 0
-    for seed in range(20):
+    for seed in range(10):
         draw = np.random.default_rng(seed)
-        start, stops = draw.normal(size=3), draw.normal(size=(7, 3))
+        start, stops = draw.normal(size=3), draw.normal(size=(6, 3))
         end = draw.normal(size=3) if has_end else None
         order, length = route(start, stops, end)
-        assert sorted(order) == list(range(7))
+        assert sorted(order) == list(range(6))
         way = [start, *stops[order], *([] if end is None else [end])]
         assert length == pytest.approx(path_length(way))
         best = shortest(start, list(stops), end)
         assert length <= 1.1 * best
         exact += length <= best + 1e-9
-    assert exact >= 14
+    assert exact >= 7
 
 
 @pytest.mark.parametrize("count", [0, 1, 2])

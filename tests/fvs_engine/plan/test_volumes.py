@@ -38,7 +38,7 @@ SIZES = {
 each = pytest.mark.parametrize("volume", VOLUMES, ids=lambda volume: volume.kind)
 
 
-def around(seed, count=4000):
+def around(seed, count=1500):
     return np.random.default_rng(seed).uniform(-4.0, 6.0, size=(count, 3))
 
 
@@ -189,9 +189,9 @@ def test_legs_past_a_volume_with_many_corners_cost_little(kind):
     prism = Prism(corners=tuple(star), lower=-1.0, upper=1.0)
     volume = prism if kind == "prism" else Corridor(path=tuple(star), radius=0.1)
     draw = np.random.default_rng(0)
-    starts = draw.uniform(-20.0, 20.0, size=(50_000, 3)) * (1.0, 1.0, 0.02)
-    ends = starts + draw.normal(size=(50_000, 3)) * (1.0, 1.0, 0.02)
+    starts = draw.uniform(-20.0, 20.0, size=(20_000, 3)) * (1.0, 1.0, 0.02)
+    ends = starts + draw.normal(size=(20_000, 3)) * (1.0, 1.0, 0.02)
     begun = time.process_time()
     crossed = volume.crossed(starts, ends)
     assert time.process_time() - begun < 2.0
-    assert 0 < crossed.sum() < 2_000
+    assert 0 < crossed.sum() < 800

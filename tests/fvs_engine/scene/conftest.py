@@ -58,15 +58,15 @@ def ball(tmp_path_factory: pytest.TempPathFactory, cpu: Rasterizer) -> Dataset:
     return Dataset("ball", folder, tuple(views), SparsePoints(cloud, names, pairs[:, 0], pairs[:, 1]))
 
 
-@pytest.fixture
+@pytest.fixture(scope="session")
 def quick_settings() -> Callable[..., SceneSettings]:
-    """Builds settings of known poses with 20 iterations and 10 more per view; keywords change them."""
+    """Builds settings of known poses with 20 iterations and 4 more per view; keywords change them."""
 
     def build(**changes: object) -> SceneSettings:
         densification = SCENE_TRAINING.densification.model_copy(update={"first_iteration": 5, "interval": 10})
         training = SCENE_TRAINING.model_copy(update={"densification": densification})
         settings = SceneSettings(
-            poses="known", long_side_px=48, initial_iterations=20, iterations_per_view=10, training=training
+            poses="known", long_side_px=48, initial_iterations=20, iterations_per_view=4, training=training
         )
         return settings.model_copy(update=changes)
 

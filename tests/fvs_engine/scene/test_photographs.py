@@ -79,7 +79,7 @@ def test_a_camera_that_is_adjusted_again_and_again_does_not_fill_the_memory(ramp
     map_bytes = WIDTH * HEIGHT * 2 * 8
     tracemalloc.start()
     try:
-        for step in range(15):  # more maps than may be kept
+        for step in range(12):  # more maps than may be kept
             camera = DistortedCamera("SIMPLE_RADIAL", WIDTH, HEIGHT, (100.0 + 0.1 * step, 62.0, 44.0, -0.12))
             photographs.load("ramp.png", camera, IDENTITY)
         kept_bytes, _ = tracemalloc.get_traced_memory()

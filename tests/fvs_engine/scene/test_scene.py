@@ -54,29 +54,28 @@ def test_a_model_depends_on_its_views_and_not_on_how_they_came(
         assert_same(grown.train(quality, Monitor()), anew.train(quality, Monitor()))
 
 
-@pytest.mark.system
 def test_more_views_teach_more_than_as_many_iterations_on_fewer(
     tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
 ) -> None:
-    settings = quick_settings(initial_iterations=140)
+    settings = quick_settings(initial_iterations=80)
     scene = Scene.open(tmp_path / "scene", ball, settings, cpu, Monitor())
     first = ("9.png", "0.png", "1.png", "2.png")
     assert scene.add(first, Monitor()).registered == first
     blind = scene.train("full", Monitor())
     assert scene.add(["5.png", "7.png"], Monitor()).registered == ("5.png", "7.png")
     model = scene.train("full", Monitor())
-    assert blind.iterations == model.iterations == 140
+    assert blind.iterations == model.iterations == 80
     assert quality_db(scene, model, ["6.png"]) > quality_db(scene, blind, ["6.png"])
 
 
 def test_the_full_model_has_the_iterations_of_its_views_and_the_quick_one_a_share(
     tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
 ) -> None:
-    settings = quick_settings(initial_iterations=40, iterations_per_view=10, quick_share=0.25)
+    settings = quick_settings(initial_iterations=8, iterations_per_view=2, quick_share=0.25)
     scene = Scene.open(tmp_path / "scene", ball, settings, cpu, Monitor())
     stages: set[str] = set()
     monitor = Monitor(lambda progress: stages.add(progress.stage))
-    for count, quick, full in ((2, 10, 40), (4, 10, 40), (6, 15, 60)):
+    for count, quick, full in ((2, 2, 8), (4, 2, 8), (6, 3, 12)):
         scene.add([f"{number}.png" for number in range(count)], Monitor())
         assert scene.train("quick", monitor).iterations == quick
         assert stages == {"quick-training"}
@@ -99,46 +98,61 @@ def test_only_what_visited_views_saw_becomes_a_gaussian(
     assert len(starts(scene)) == 200
 
 
+def add_and_train(scene: Scene) -> SceneModel:
+    """Add images three times; the last quick model."""
+    for names in (FIRST, ("8.png",), ("1.png", "3.png")):
+        scene.add(names, Monitor())
+        quick = scene.train("quick", Monitor())
+    scene.train("full", Monitor())
+    return quick
+
+
+@pytest.fixture(scope="module")
+def uninterrupted(
+    tmp_path_factory: pytest.TempPathFactory, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
+) -> tuple[Scene, SceneModel]:
+    """A scene that nobody killed, and its quick model. Not to be changed."""
+    folder = tmp_path_factory.mktemp("uninterrupted") / "scene"
+    scene = Scene.open(folder, ball, quick_settings(), cpu, Monitor())
+    return scene, add_and_train(scene)
+
+
 @pytest.mark.parametrize(
     "stop",
     ["before add", "after add", "in quick training", "after quick training", "in training", "at the end"],
 )
 def test_a_killed_scene_comes_to_the_same_end(
-    tmp_path: Path, ball: Dataset, quick_settings: Settings, cpu: Rasterizer, stop: str
+    tmp_path: Path,
+    ball: Dataset,
+    quick_settings: Settings,
+    cpu: Rasterizer,
+    uninterrupted: tuple[Scene, SceneModel],
+    stop: str,
 ) -> None:
-    def opened(folder: str) -> Scene:
-        return Scene.open(tmp_path / folder, ball, quick_settings(), cpu, Monitor())
+    def opened() -> Scene:
+        return Scene.open(tmp_path / "killed", ball, quick_settings(), cpu, Monitor())
 
-    def go_on(scene: Scene) -> SceneModel:
-        for names in (FIRST, ("8.png",), ("1.png", "3.png")):
-            scene.add(names, Monitor())
-            quick = scene.train("quick", Monitor())
-        scene.train("full", Monitor())
-        return quick
-
-    whole = opened("whole")
-    quick = go_on(whole)
-
-    killed = opened("killed")
+    whole, quick = uninterrupted
+    killed = opened()
     killed.add(FIRST, Monitor())
     killed.train("quick", Monitor())
     if stop != "before add":
         killed.add(["8.png"], Monitor())
     if stop == "in quick training":
         with pytest.raises(Cancelled):
-            killed.train("quick", stopping_at(4))
+            killed.train("quick", stopping_at(2))
     if stop in ("after quick training", "in training", "at the end"):
         killed.train("quick", Monitor())
     if stop == "in training":
         with pytest.raises(Cancelled):
-            killed.train("full", stopping_at(24))
+            killed.train("full", stopping_at(12))
     if stop == "at the end":
         killed.train("full", Monitor())
     del killed
-    resumed = opened("killed")
-    assert_same(quick, go_on(resumed))
+    resumed = opened()
+    assert_same(quick, add_and_train(resumed))
     assert_same_scenes(whole, resumed)
-    assert_same_scenes(whole, opened("killed"))
+    assert_same_scenes(whole, opened())
 
 
 def stopping_at(iteration: int) -> Monitor:

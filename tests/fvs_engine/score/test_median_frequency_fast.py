@@ -50,9 +50,16 @@ def scene() -> tuple[Gaussians, list[PinholeView]]:
     return Gaussians(*(torch.from_numpy(value.astype(np.float32)) for value in values)), views
 
 
-def test_the_first_ones_are_those_of_the_exact_ranking(scene, cpu):
+@pytest.fixture(scope="module")
+def exactly(scene: tuple[Gaussians, list[PinholeView]], cpu: Rasterizer) -> tuple[CandidateScore, ...]:
+    """The scores of all views, each rendered."""
     gaussians, views = scene
-    exact = {score.name: score for score in MedianFrequency().score(gaussians, views, cpu)}
+    return tuple(MedianFrequency().score(gaussians, views, cpu))
+
+
+def test_the_first_ones_are_those_of_the_exact_ranking(scene, cpu, exactly):
+    gaussians, views = scene
+    exact = {score.name: score for score in exactly}
     found = MedianFrequencyFast(first=5).score(gaussians, views, cpu)
     assert [score.name for score in found] == [view.name for view in views]
     ranking = rank(found)
@@ -108,10 +115,10 @@ def test_views_that_show_too_little_are_not_rendered(scene, cpu):
         assert found[view.name].estimated
 
 
-def test_a_candidate_of_low_coverage_is_none_of_the_first(scene, cpu):
+def test_a_candidate_of_low_coverage_is_none_of_the_first(scene, cpu, exactly):
     """With a least coverage that most views miss."""
     gaussians, views = scene
-    coverages = [score.coverage for score in MedianFrequency().score(gaussians, views, cpu)]
+    coverages = [score.coverage for score in exactly]
     least = float(np.quantile(coverages, 0.7))
     exact = rank(MedianFrequency(least).score(gaussians, views, cpu))
     found = rank(MedianFrequencyFast(first=5, min_coverage=least).score(gaussians, views, cpu))

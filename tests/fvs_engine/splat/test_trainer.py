@@ -50,11 +50,11 @@ def quality_db(trainer: Trainer) -> float:
 
 
 def test_training_recovers_the_scene(scene_views: Views, start: Start, cpu: Rasterizer) -> None:
-    trainer = Trainer(scene_views, start(0), TrainingSettings(sh_degree=0).with_iterations(1_000), cpu)
+    trainer = Trainer(scene_views, start(0), TrainingSettings(sh_degree=0).with_iterations(400), cpu)
     before = quality_db(trainer)
-    trainer.train(1_000, Monitor())
+    trainer.train(400, Monitor())
     assert len(trainer.gaussians) > 75
-    assert quality_db(trainer) > before + 8
+    assert quality_db(trainer) > before + 4
 
 
 def test_kernels_train_as_the_reference_does(scene_views: Views, start: Start, cpu: Rasterizer) -> None:
@@ -75,19 +75,19 @@ def test_equal_seeds_give_equal_bits_and_others_do_not(
     assert not torch.equal(trainers[0].gaussians.sh_dc[:10], trainers[2].gaussians.sh_dc[:10])
 
 
-@pytest.mark.parametrize("stop", [7, 40, 43, 85])
-def test_a_resumed_run_equals_an_uninterrupted_one(
-    scene_views: Views, start: Start, cpu: Rasterizer, tmp_path: Path, stop: int
+def test_a_run_that_is_resumed_again_and_again_equals_an_uninterrupted_one(
+    scene_views: Views, start: Start, cpu: Rasterizer, tmp_path: Path
 ) -> None:
     whole = Trainer(scene_views, start(1), SETTINGS, cpu)
     whole.train(100, Monitor())
-    first = Trainer(scene_views, start(1), SETTINGS, cpu)
-    first.train(stop, Monitor())
-    first.save(tmp_path / "checkpoint.safetensors")
-    second = Trainer.resume(tmp_path / "checkpoint.safetensors", scene_views, cpu)
-    assert second.settings == SETTINGS
-    second.train(100, Monitor())
-    assert_equal(whole, second)
+    resumed = Trainer(scene_views, start(1), SETTINGS, cpu)
+    for stop in (7, 40, 43, 85):
+        resumed.train(stop, Monitor())
+        resumed.save(tmp_path / "checkpoint.safetensors")
+        resumed = Trainer.resume(tmp_path / "checkpoint.safetensors", scene_views, cpu)
+        assert resumed.settings == SETTINGS
+    resumed.train(100, Monitor())
+    assert_equal(whole, resumed)
 
 
 def test_every_view_once_per_epoch(scene_views: Views, start: Start, cpu: Rasterizer) -> None:

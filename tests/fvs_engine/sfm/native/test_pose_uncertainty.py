@@ -48,7 +48,6 @@ def check_new(model: pycolmap.Reconstruction, folder: Path, new: list[int]) -> d
     return growth.rejected
 
 
-@pytest.mark.system
 @pytest.mark.parametrize("shared", [False, True])
 def test_the_standard_deviation_is_that_of_repeated_estimates(shared: bool):
     """Also when all points in a cell of the image have the same error (``shared``)."""
@@ -58,12 +57,13 @@ def test_the_standard_deviation_is_that_of_repeated_estimates(shared: bool):
     exact = np.asarray(PINHOLE.img_from_cam(true.apply(points)))
     _, part = np.unique(exact // (800 / 6, 600 / 4) @ (4, 1), return_inverse=True)
     shifts, sigmas = [], []
-    for _ in range(150):
+    for _ in range(50):
         errors = random.normal(0.0, 0.5, exact.shape)
         pixels = exact + (errors[part] if shared else errors)
         pose = PoseProblem(points, pixels, PINHOLE, 0.5).refine(true)
         shifts.append(pose.inverse().translation - place.translation)
-        sigmas.append(centre_sigma(true, points, pixels, PINHOLE))
+        if len(sigmas) < 10:
+            sigmas.append(centre_sigma(true, points, pixels, PINHOLE))
     scatter = np.sqrt(np.linalg.eigvalsh(np.cov(np.array(shifts).T))[-1])
     assert 0.7 < np.median(sigmas) / scatter < 1.5
 

@@ -1,5 +1,6 @@
 """Depths over three images: the pairs of a row of cameras before a rough wall fit however it is spaced."""
 
+import functools
 from collections.abc import Sequence
 from typing import Any
 
@@ -38,6 +39,7 @@ def model(places: Sequence[float]) -> pycolmap.Reconstruction:
     return made
 
 
+@functools.cache
 def photographed(reach: int) -> tuple[list[VerifiedPair], dict[int, Array]]:
     """Pairs of images at most ``reach`` apart in the true row, one unit apart, and all keypoints."""
     random = np.random.default_rng(0)
@@ -84,7 +86,7 @@ def test_a_right_row_is_accepted():
     assert evidence.misscaled_images == evidence.unscaled_images == ()
 
 
-@pytest.mark.parametrize("share", [0.1, 0.3, -0.2])
+@pytest.mark.parametrize("share", [0.1, -0.2])
 def test_a_row_whose_last_third_is_shifted_is_rejected_by_name_though_all_pairs_fit(share: float):
     judgement, evidence = judged(shifted(share))
     assert evidence.match_support > 0.99
