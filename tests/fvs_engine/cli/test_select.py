@@ -6,7 +6,7 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any, get_args
 
@@ -16,6 +16,7 @@ from PIL import Image
 
 from fvs_engine.cli.exit_codes import EXIT_CODES, INTERRUPTED, USAGE
 from fvs_engine.lab.baselines import SELECTORS
+from fvs_engine.select import trajectory
 from fvs_engine.splat.ply import read_ply
 from fvs_schema.words import Method
 
@@ -28,6 +29,14 @@ OPTIONS = (*QUICK, "--initial", 4, "--budget", 8, "--nearest", 6)
 
 def names_of(document: dict[str, Any]) -> list[str]:
     return [view["name"] for view in document["views"]]
+
+
+@pytest.fixture(scope="module", autouse=True)
+def coarse_picture() -> Iterator[None]:
+    """Draw with few pixels, which is quicker."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(trajectory, "_DPI", 40)
+        yield
 
 
 @pytest.fixture(scope="module")
@@ -52,7 +61,7 @@ def test_views_are_chosen_and_everything_is_written(clean_run: tuple[Path, Any])
     assert not set(document["test"]) & set(names_of(document))
     assert json.loads((out / "result.json").read_text()).items() <= document.items()
     with Image.open(out / "trajectory.png") as picture:
-        assert min(picture.size) > 600
+        assert min(picture.size) > 200
         assert len(picture.convert("RGB").getcolors(1 << 24)) > 50
     assert len(read_ply(out / "point_cloud.ply")) == document["gaussians"]
 
@@ -71,18 +80,18 @@ def test_people_see_a_table_and_why_it_ended(fvs: Fvs, room_dir: Path, clean_run
 
 
 def test_two_vehicles_fly_as_far_as_they_may(fvs: Fvs, room_dir: Path, tmp_path: Path) -> None:
-    options = (*QUICK, "--initial", 4, "--budget", 14, "--nearest", 99, "--max-travel", 5, "--vehicles", 2)
+    options = (*QUICK, "--initial", 4, "--budget", 14, "--nearest", 99, "--max-travel", 3, "--vehicles", 2)
     options = (*options, "--method", "farthest")
     run = fvs("select", room_dir, "--out", tmp_path / "out", "--json", *options)
     assert run.status == 0, run.stderr
     document = run.document
     assert document["stop"]["kind"] == "travel"
-    assert document["max_travel"] == 5
+    assert document["max_travel"] == 3
     flown = [0.0, 0.0]
     for view in document["views"][4:]:
         flown[view["vehicle"] - 1] += view["distance"]
     assert document["flown"] == pytest.approx(flown)
-    assert all(0 < length <= 5 for length in flown)
+    assert all(0 < length <= 3 for length in flown)
     assert {view["vehicle"] for view in document["views"][:4]} == {None}
     assert document["travel"] == pytest.approx(sum(view["distance"] for view in document["views"]))
     again = fvs("select", room_dir, "--out", tmp_path / "out", *options)
