@@ -4,14 +4,13 @@ Nothing here needs the database.
 """
 
 import contextlib
-import re
 from collections.abc import Iterable
 from pathlib import Path
 
 from fvs_engine.wording import notice
 from fvs_schema.findings import Finding, Notice
 from fvs_schema.images import Image
-from fvs_service.disclosure import without_paths
+from fvs_service.engine_errors import without_folders
 from fvs_service.errors import NotFoundError
 from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.blobs import Blobs
@@ -52,21 +51,23 @@ def file_stem(number: int, sha256: str) -> str:
     return f"{number:06d}-{sha256[:12]}"
 
 
-def notice_of(finding: Finding, images: Iterable[Image]) -> Notice:
-    """The finding for clients: digests and original names of images in place of the engine's file names."""
+def notice_of(finding: Finding, images: Iterable[Image], root: Path) -> Notice:
+    """The finding for clients: digests and original names of images in place of the engine's file names.
+
+    Paths in its texts, which libraries may have written, become relative to the service's ``root``.
+    """
     by_stem = {file_stem(image.number, image.sha256): image for image in images}
     known = [(name, by_stem.get(name.partition(".")[0])) for name in finding.images]
     named = [name if image is None else image.name for name, image in known]
-    texts = {key: without_paths(value) for key, value in finding.texts.items()}
+    texts = {key: without_folders(value, root) for key, value in finding.texts.items()}
     shown = notice(finding.model_copy(update={"images": tuple(named), "texts": texts}))
     digests = tuple(name if image is None else image.digest for name, image in known)
     return shown.model_copy(update={"images": digests})
 
 
-_FILE_NAME = re.compile(r"\b0*(\d+)-([0-9a-f]{12})(?:\.(?:jpg|png|tif|webp|bmp))+")
-
-
 def with_original_names(sentence: str, images: Iterable[Image]) -> str:
     """Replace file names in the message of an engine's error by the images' original names."""
-    names = {(str(image.number), image.digest.removeprefix("sha256:")[:12]): image.name for image in images}
-    return _FILE_NAME.sub(lambda found: names.get((found[1], found[2]), found[0]), sentence)
+    for image in images:
+        name = file_name(image)
+        sentence = sentence.replace(f"{name}.png", image.name).replace(name, image.name)
+    return sentence

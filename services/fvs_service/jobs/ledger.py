@@ -11,7 +11,6 @@ from fvs_schema.events import EventKind
 from fvs_schema.findings import Notice
 from fvs_schema.jobs import Job, JobFailure
 from fvs_schema.stages import Stage
-from fvs_service.disclosure import without_paths
 from fvs_service.events.repository import publish
 from fvs_service.jobs import repository
 from fvs_service.jobs.stages import Work
@@ -100,10 +99,8 @@ class Ledger:
         self._end(lease, job_id, Move.SUCCEED, progress=1.0)
 
     def fail(self, lease: Lease, job_id: str, error: JobFailure) -> None:
-        """Record the job as failed; its owner reads file names in place of paths."""
-        readable = {"message": without_paths(error.message), "hint": without_paths(error.hint)}
-        document = error.model_copy(update=readable).model_dump(mode="json")
-        self._end(lease, job_id, Move.FAIL, error=document)
+        """Record the job as failed."""
+        self._end(lease, job_id, Move.FAIL, error=error.model_dump(mode="json"))
 
     def cancel(self, lease: Lease, job_id: str) -> None:
         """Record the job as canceled."""

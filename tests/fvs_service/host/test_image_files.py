@@ -132,7 +132,7 @@ def test_a_job_names_the_images_that_the_engine_rejects(
     )
     with pytest.raises(EngineError):  # one image makes no model
         jobs.run(request, cast(Any, Monitor(on_warning=told.append)), quarantined.update)
-    (warning,) = (notice_of(one, images) for one in told)
+    (warning,) = (notice_of(one, images, tmp_path) for one in told)
     assert (warning.code, warning.images) == (FindingCode.UNUSABLE_PHOTOGRAPH, (bad.digest,))
     assert "32×900 px" in warning.message
     assert list(quarantined) == [bad.digest]

@@ -1,6 +1,7 @@
 import json
 import socket
 import threading
+from pathlib import Path
 from typing import get_args
 
 import numpy as np
@@ -83,11 +84,11 @@ def test_the_gateway_knows_all_methods_of_the_engine() -> None:
 
 
 def test_errors_keep_their_kind_on_the_wire() -> None:
-    error = error_of(failure_of(InvalidInputError("Wrong.", hint="Correct it.")))
+    error = error_of(failure_of(InvalidInputError("Wrong.", hint="Correct it."), Path("/srv")))
     assert isinstance(error, InvalidRequestError)
     assert (error.message, error.hint) == ("Wrong.", "Correct it.")
-    assert isinstance(error_of(failure_of(UnavailableError("Later."))), UnavailableError)
-    defect = error_of(failure_of(ZeroDivisionError("oops")))
+    assert isinstance(error_of(failure_of(UnavailableError("Later."), Path("/srv"))), UnavailableError)
+    defect = error_of(failure_of(ZeroDivisionError("oops"), Path("/srv")))
     assert (defect.code, defect.message) == ("internal", "The service failed.")
     assert "log of its runner" in defect.hint
 

@@ -8,6 +8,7 @@ import struct
 import time
 import zlib
 from collections.abc import Callable
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -323,9 +324,10 @@ def test_what_the_engine_says_is_told_with_the_names_of_the_senders(
     told = "IMG 0.jpg, IMG 1.jpg and 000009-0123456789ab.jpg show nothing. 000001-4."
     assert with_original_names(said, images) == told
     found = Finding.of(FindingCode.UNMATCHED, [f"{first}.png", "000009-0123456789ab.jpg"])
-    shown = notice_of(found, images)
+    shown = notice_of(found, images, Path("/srv"))
     assert shown.images == (images[0].digest, "000009-0123456789ab.jpg")
     assert shown.message == "Not registered, as no other image matches: IMG 0.jpg, 000009-0123456789ab.jpg."
     crash = Finding.of(FindingCode.QUARANTINED, [second], stage="match", how="no /srv/scenes/x.jpg")
-    assert "IMG 1.jpg is quarantined" in notice_of(crash, images).message
-    assert "/srv" not in notice_of(crash, images).model_dump_json()
+    shown = notice_of(crash, images, Path("/srv"))
+    assert shown.message.startswith("IMG 1.jpg is quarantined")
+    assert (shown.texts["how"], "/srv" in shown.message) == ("no scenes/x.jpg", False)

@@ -83,7 +83,7 @@ async def _service_error(request: Request, error: Exception) -> JSONResponse:
 
 async def _engine_error(request: Request, error: Exception) -> JSONResponse:
     assert isinstance(error, EngineError)
-    return problem_response(request, from_engine(error))
+    return problem_response(request, from_engine(error, request.app.state.application.storage.settings.root))
 
 
 async def _validation_error(request: Request, error: Exception) -> JSONResponse:

@@ -259,7 +259,7 @@ async def answer(gateway: Gateway, context: Context, name: str, work: Callable[[
         except ServiceError as failure:
             error = failure
         except EngineError as failure:
-            error = from_engine(failure)
+            error = from_engine(failure, gateway.application.storage.settings.root)
         except Exception as failure:
             _log.error("request failed", path=name, exc_info=failure)
             error = InternalError("The service failed.")

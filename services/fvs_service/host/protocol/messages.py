@@ -5,6 +5,7 @@ describes, or ``error`` (a ``Failure``). Objects with ``part`` precede it: a ``J
 runs, and lists of ``CandidateScore`` while the views of a ``RankViews`` that is ``streamed`` are scored.
 """
 
+from pathlib import Path
 from typing import Annotated, Literal
 
 from pydantic import Field, TypeAdapter
@@ -197,10 +198,13 @@ class Failure(Record):
     retry_after_s: int | None = None
 
 
-def failure_of(error: Exception) -> Failure:
-    """The message for a request that failed with ``error``; it has no details of a defect."""
+def failure_of(error: Exception, root: Path) -> Failure:
+    """The message for a request that failed with ``error``; it has no details of a defect.
+
+    Paths are relative to ``root``, the service's.
+    """
     if isinstance(error, EngineError):
-        error = from_engine(error)
+        error = from_engine(error, root)
     if isinstance(error, ServiceError):
         return Failure(
             code=error.code,

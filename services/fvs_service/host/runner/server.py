@@ -15,6 +15,7 @@ from fvs_engine.errors import Cancelled, EngineError
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.splat.raster import create_rasterizer
+from fvs_service.engine_errors import without_folders
 from fvs_service.errors import ConflictError, ServiceError
 from fvs_service.host.protocol.connection import Connection, RunnerGoneError
 from fvs_service.host.protocol.messages import (
@@ -41,6 +42,7 @@ from fvs_service.host.runner.ranking import rank_views, render_view
 from fvs_service.host.runner.request_queue import Requester, RequesterGoneError, RequestQueue, Task
 from fvs_service.host.runner.scene_jobs import SceneJobs
 from fvs_service.host.runner.snapshot_models import SnapshotModels
+from fvs_service.images.files import with_original_names
 from fvs_service.rankings.port import (
     GenerateViews,
     ModelRequest,
@@ -63,6 +65,7 @@ class RunnerServer:
     """Serves requests about one scene until one of them is ``YieldScene``."""
 
     def __init__(self, scene_id: str, folder: Path, settings: Settings, secret: str) -> None:
+        self._root = settings.root
         blobs = Blobs(settings.root.absolute() / "blobs", settings.blobs)
         self._rasterizer = create_rasterizer(settings.worker.backend)
         self._models = SnapshotModels(scene_id, blobs, self._rasterizer)
@@ -110,7 +113,7 @@ class RunnerServer:
         except Exception as error:
             if not isinstance(error, EngineError | ServiceError):
                 _log.exception("A request of kind %s failed.", request.kind)
-            failure = _failure_of_job(error) if isinstance(request, RunJob) else failure_of(error)
+            failure = self._failure_of(error, request)
             response = {"error": failure}
         try:
             connection.send(response)
@@ -215,14 +218,17 @@ class RunnerServer:
             self._monitor, self._worker, self._used = None, None, time.monotonic()
             self._job_running.release()
 
+    def _failure_of(self, error: Exception, request: Request) -> Failure:
+        """The message for a failed request; that for a failed job has the engine's own code."""
+        if not (isinstance(error, EngineError) and isinstance(request, RunJob)):
+            return failure_of(error, self._root)
+        message, hint = (
+            with_original_names(without_folders(text, self._root), request.images)
+            for text in (error.message, error.hint)
+        )
+        retryable = error.code not in _FINAL or isinstance(error, Cancelled)
+        return Failure(code=error.code, message=message, hint=hint, retryable=retryable)
+
 
 def _send_part(connection: Connection, part: JobMessage | Sequence[CandidateScore]) -> None:
     connection.send({"part": part})
-
-
-def _failure_of_job(error: Exception) -> Failure:
-    """The message for a failed job, with the engine's own code."""
-    if not isinstance(error, EngineError):
-        return failure_of(error)
-    retryable = error.code not in _FINAL or isinstance(error, Cancelled)
-    return Failure(code=error.code, message=error.message, hint=error.hint, retryable=retryable)

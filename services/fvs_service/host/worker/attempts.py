@@ -14,6 +14,7 @@ from fvs_schema.images import Image
 from fvs_schema.jobs import Job, JobFailure, JobKind
 from fvs_schema.stages import Stage
 from fvs_service.application import Storage
+from fvs_service.engine_errors import without_folders
 from fvs_service.errors import OutOfSpaceError, ServiceError, StaleLeaseError, StorageUnavailableError
 from fvs_service.host.protocol.messages import JobOutcome, RunJob
 from fvs_service.host.worker.conversation import Conversation, StageSpans
@@ -77,11 +78,12 @@ class Attempts:
             raise
         except (ServiceError, EngineError) as error:
             retryable = not isinstance(error, ServiceError) or error.retryable
+            root = self._storage.settings.root
             return Failed(
                 JobFailure(
                     code=error.code,
-                    message=error.message,
-                    hint=error.hint,
+                    message=without_folders(error.message, root),
+                    hint=without_folders(error.hint, root),
                     retryable=retryable,
                     stage=Stage.SNAPSHOT,
                 )
@@ -174,14 +176,15 @@ class Attempts:
         folder = Path(made.folder)
         write_text_atomically(folder / ALIGNMENT, alignment.model_dump_json(indent=1))
         updating = job.kind is JobKind.UPDATE
-        reasons = made.unregistered if updating else {}
+        reasons, root = made.unregistered if updating else {}, self._storage.settings.root
         snapshot = NewSnapshot(
             metrics=made.metrics,
             alignment=alignment,
             files={name: folder / name for name in (*made.files, ALIGNMENT)},
             registered=tuple(made.model_from_camera) if updating else (),
             unregistered={
-                digest: None if why is None else notice_of(why, images) for digest, why in reasons.items()
+                digest: None if why is None else notice_of(why, images, root)
+                for digest, why in reasons.items()
             },
         )
         self._storage.snapshots.commit(lease, job, milestone, snapshot)

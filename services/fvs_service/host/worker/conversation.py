@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 from fvs_engine.errors import Cancelled, NoProcessError, ProcessDiedError
 from fvs_engine.files.storage import DiskFullError
-from fvs_schema.findings import Notice
+from fvs_schema.findings import Finding, Notice
 from fvs_schema.jobs import Job, JobFailure, WaitReason
 from fvs_schema.stages import Stage
 from fvs_service.application import Storage
@@ -34,7 +34,7 @@ from fvs_service.host.worker.outcomes import Failed, LeftToAnother, Outcome, Pau
 from fvs_service.host.worker.progress import JobProgress
 from fvs_service.host.worker.stop import JobStop
 from fvs_service.images.exclusion import quarantine
-from fvs_service.images.files import notice_of, with_original_names
+from fvs_service.images.files import notice_of
 from fvs_service.jobs.stages import Work
 from fvs_service.tracing import Span, Tracing
 
@@ -135,7 +135,7 @@ class Conversation:
             connection.close()
 
     def _record(self, message: StageProgress | Warned | Quarantined | ModelMade) -> None:
-        images, lease = self.request.images, self.scene.lease
+        lease = self.scene.lease
         match message:
             case StageProgress(stage=stage):
                 self.spans.came_to(stage)
@@ -146,10 +146,10 @@ class Conversation:
                 self._patiently(lambda: self.commit(f"{name}-snapshot-{self.job.attempt}", made))
                 self.stop.may_be_superseded = name == "quick"  # the first model is of few images
             case Quarantined(reasons=reasons):
-                notices = {digest: notice_of(reason, images) for digest, reason in reasons.items()}
+                notices = {digest: self._notice(reason) for digest, reason in reasons.items()}
                 self._patiently(lambda: self._quarantine(notices))
             case Warned(finding=finding):
-                warning = notice_of(finding, images)
+                warning = self._notice(finding)
                 self._patiently(lambda: self.storage.ledger.warn(lease, self.job.id, warning))
 
     def _report(self, stage: Stage, eta_s: float | None) -> None:
@@ -160,6 +160,9 @@ class Conversation:
     def _report_silence(self) -> None:
         if self._stage is not None and time.monotonic() - self._reported > _REPORT_EVERY_S:
             self._report(self._stage, self.progress.now())
+
+    def _notice(self, finding: Finding) -> Notice:
+        return notice_of(finding, self.request.images, self.storage.settings.root)
 
     def _quarantine(self, reasons: dict[str, Notice]) -> None:
         with self.storage.database.writing(self.job.scene_id) as session:
@@ -190,6 +193,4 @@ class Conversation:
             return Paused(WaitReason.DISK)
         if code in (ProcessDiedError.code, NoProcessError.code):
             return StartAgain(failure.message)  # the runner itself is alive, and keeps its model
-        error = failure.model_dump(exclude={"retry_after_s", "message"})
-        message = with_original_names(failure.message, self.request.images)
-        return Failed(JobFailure(**error, message=message, stage=self._stage))
+        return Failed(JobFailure(**failure.model_dump(exclude={"retry_after_s"}), stage=self._stage))
