@@ -112,6 +112,14 @@ class Relay:
                         client.sendall(bytes(passed.get_msgbuf()))
 
 
+@pytest.fixture(autouse=True)
+def _quick_vehicles(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Wait less for what does not come: the simulated vehicle says everything ten times a second."""
+    monkeypatch.setattr("fvs_client.fly.link._OTHERS_S", 0.4)
+    monkeypatch.setattr("fvs_client.fly.vehicle._EQUIPMENT_S", 0.4)
+    monkeypatch.setattr("fvs_client.fly.checks._BATTERY_S", 0.5)
+
+
 @pytest.fixture
 def relay() -> Iterator[Callable[[str], Relay]]:
     """Put a relay in front of a simulator's URL."""

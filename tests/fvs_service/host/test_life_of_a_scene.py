@@ -15,7 +15,10 @@ import numpy as np
 import pytest
 from PIL import Image
 
-pytestmark = pytest.mark.timeout(900)  # several processes that all import torch, on whatever machine
+pytestmark = [
+    pytest.mark.system,
+    pytest.mark.timeout(900),  # several processes that all import torch, on whatever machine
+]
 
 RUNNER = "fvs_service.host.runner.process"
 WORKER = "fvs_service.serving.process worker"
@@ -114,7 +117,6 @@ def test_flights_are_planned_with_the_registered_points(service: Any, modelled: 
     assert ranking["candidates"][0]["rank"] == 1
 
 
-@pytest.mark.system
 def test_a_job_fails_the_next_is_stopped_and_retried_and_ends_with_its_scene(
     service: Any, courtyard_photographs: list[Path], tmp_path: Path
 ) -> None:
@@ -190,7 +192,6 @@ def _until(holds: Callable[[], bool]) -> None:
         time.sleep(0.1)
 
 
-@pytest.mark.system
 def test_rankings_are_answered_while_the_model_learns(
     service: Any, modelled: str, courtyard_photographs: list[Path]
 ) -> None:
@@ -227,7 +228,6 @@ def test_an_update_without_new_images_keeps_the_snapshot(service: Any, modelled:
     assert service.client.get(f"/v1/scenes/{modelled}/size").json()["working_bytes"] > 0
 
 
-@pytest.mark.system
 def test_an_update_ends_with_its_quick_model_when_the_next_one_waits(
     service: Any, courtyard_photographs: list[Path]
 ) -> None:
@@ -246,7 +246,6 @@ def test_an_update_ends_with_its_quick_model_when_the_next_one_waits(
     service.wait(second, lambda found: found["state"] == "canceled")
 
 
-@pytest.mark.system
 def test_a_quality_that_cannot_be_measured_is_a_warning(
     service: Any, courtyard_photographs: list[Path]
 ) -> None:

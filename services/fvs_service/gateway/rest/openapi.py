@@ -52,9 +52,6 @@ def describe(app: FastAPI, bodies: Iterable[type[Model]], *, keys_required: bool
 
     ``bodies`` are the models of JSON bodies, which FastAPI does not know (``bodies.json_body``).
     """
-    _, sent = models_json_schema([(kind, "validation") for kind in bodies], ref_template=REFERENCE)
-    answered = (Problem, *_STREAMED)
-    _, more = models_json_schema([(kind, "serialization") for kind in answered], ref_template=REFERENCE)
     original = app.openapi
     app.description = _DESCRIPTION
     app.openapi_tags = [{"name": name, "description": about} for name, about in TAGS.items()]
@@ -64,6 +61,9 @@ def describe(app: FastAPI, bodies: Iterable[type[Model]], *, keys_required: bool
         if app.openapi_schema:
             return app.openapi_schema
         document = original()
+        _, sent = models_json_schema([(kind, "validation") for kind in bodies], ref_template=REFERENCE)
+        answered = (Problem, *_STREAMED)
+        _, more = models_json_schema([(kind, "serialization") for kind in answered], ref_template=REFERENCE)
         components = document.setdefault("components", {})
         outputs = {**components.get("schemas", {}), **more["$defs"]}
         for unused in ("HTTPValidationError", "ValidationError"):
