@@ -43,7 +43,7 @@ def model(places: Sequence[float]) -> pycolmap.Reconstruction:
 def photographed(reach: int) -> tuple[list[VerifiedPair], dict[int, Array]]:
     """Pairs of images at most ``reach`` apart in the true row, one unit apart, and all keypoints."""
     random = np.random.default_rng(0)
-    points = random.uniform([-5.0, -3.0, 6.0], [COUNT + 5.0, 3.0, 10.0], size=(3000, 3))
+    points = random.uniform([-5.0, -3.0, 6.0], [COUNT + 5.0, 3.0, 10.0], size=(1500, 3))
     keypoints, numbers = {}, {}
     for place, i in enumerate(NAMES):
         seen = points - [place, 0.0, 0.0]
