@@ -9,7 +9,7 @@ from collections.abc import Mapping
 from sqlalchemy.orm import Session
 
 from fvs_schema.events import EventKind
-from fvs_schema.findings import Notice
+from fvs_schema.findings import Finding
 from fvs_schema.images import Image, Registration, Verdict
 from fvs_service.errors import ConflictError, NotFoundError
 from fvs_service.events.repository import publish
@@ -21,10 +21,6 @@ from fvs_service.scenes.repository import scene_head_of, scene_of
 from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.database import Database
 from fvs_service.storage.removals import remove_later
-
-_EXCLUDED = "It was excluded."
-_INCLUDE_HINT = "Include it again to use it."
-_QUARANTINE_HINT = "Replace it by another photograph; or include it, and the next update tries it again."
 
 
 class Exclusions:
@@ -41,15 +37,7 @@ class Exclusions:
             image = _accepted_image(session, principal, scene_id, digest)
             if image.registration is Registration.EXCLUDED:
                 return image
-            changed = image.model_copy(
-                update={
-                    "registration": Registration.EXCLUDED,
-                    "reason": _EXCLUDED,
-                    "hint": _INCLUDE_HINT,
-                    "finding": None,
-                }
-            )
-            repository.replace_image(session, changed)
+            changed = repository.change_registration(session, image, Registration.EXCLUDED)
             _publish(session, changed, EventKind.IMAGE_EXCLUDED)
         return changed
 
@@ -60,10 +48,7 @@ class Exclusions:
             image = _accepted_image(session, principal, scene_id, digest)
             if not image.registration.left_out:
                 return image
-            changed = image.model_copy(
-                update={"registration": Registration.PENDING, "reason": "", "hint": "", "finding": None}
-            )
-            repository.replace_image(session, changed)
+            changed = repository.change_registration(session, image, Registration.PENDING)
             _publish(session, changed, EventKind.IMAGE_INCLUDED)
             self._jobs.update_if_due(session, principal.tenant_id, scene_of(session, principal, scene_id))
         return changed
@@ -84,22 +69,14 @@ class Exclusions:
                 _publish(session, image, EventKind.IMAGE_DELETED)
 
 
-def quarantine(session: Session, lease: Lease, reasons: Mapping[str, Notice]) -> None:
+def quarantine(session: Session, lease: Lease, reasons: Mapping[str, Finding]) -> None:
     """Quarantine the images of the leased scene with these digests; those that are left out already stay."""
     require_lease(session, lease)
     for digest, reason in reasons.items():
         image = repository.find_image(session, lease.scene_id, digest)
         if image is None or image.registration.left_out or image.verdict is not Verdict.ACCEPTED:
             continue
-        changed = image.model_copy(
-            update={
-                "registration": Registration.QUARANTINED,
-                "reason": reason.message,
-                "hint": _QUARANTINE_HINT,
-                "finding": reason.code,
-            }
-        )
-        repository.replace_image(session, changed)
+        changed = repository.change_registration(session, image, Registration.QUARANTINED, reason)
         _publish(session, changed, EventKind.IMAGE_QUARANTINED)
 
 

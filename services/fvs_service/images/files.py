@@ -51,6 +51,12 @@ def file_stem(number: int, sha256: str) -> str:
     return f"{number:06d}-{sha256[:12]}"
 
 
+def reason_of(finding: Finding, root: Path) -> Finding:
+    """What an image keeps of a finding about it: all but the engine's name of the image, and folders."""
+    texts = {key: without_folders(value, root) for key, value in finding.texts.items()}
+    return finding.model_copy(update={"images": (), "texts": texts})
+
+
 def notice_of(finding: Finding, images: Iterable[Image], root: Path) -> Notice:
     """The finding for clients: digests and original names of images in place of the engine's file names.
 
@@ -59,8 +65,7 @@ def notice_of(finding: Finding, images: Iterable[Image], root: Path) -> Notice:
     by_stem = {file_stem(image.number, image.sha256): image for image in images}
     known = [(name, by_stem.get(name.partition(".")[0])) for name in finding.images]
     named = [name if image is None else image.name for name, image in known]
-    texts = {key: without_folders(value, root) for key, value in finding.texts.items()}
-    shown = notice(finding.model_copy(update={"images": tuple(named), "texts": texts}))
+    shown = notice(reason_of(finding, root).model_copy(update={"images": tuple(named)}))
     digests = tuple(name if image is None else image.digest for name, image in known)
     return shown.model_copy(update={"images": digests})
 

@@ -1,16 +1,19 @@
 """Images in the database."""
 
 from collections.abc import Collection, Iterable, Mapping
+from typing import Any
 
 from sqlalchemy import select, update
 from sqlalchemy.orm import Session
 
-from fvs_schema.findings import Notice
+from fvs_engine.wording import notice
+from fvs_schema.findings import Finding
 from fvs_schema.images import Image, KnownImage, Registration, Verdict
 from fvs_service.storage.tables import ImageRow, SceneRow
 
 _HEX = len("sha256:")
 _LEFT_OUT = [registration.value for registration in Registration if registration.left_out]
+_QUARANTINE_HINT = "Replace it by another photograph; or include it, and the next update tries it again."
 _VARIABLES = 500
 """Databases limit the values in one query."""
 
@@ -84,17 +87,14 @@ def known_images(session: Session, scene_id: str, digests: Collection[str]) -> d
     wanted = [digest[_HEX:] for digest in digests]
     for start in range(0, len(wanted), _VARIABLES):
         rows = session.execute(
-            select(ImageRow.sha256, ImageRow.verdict, ImageRow.document).where(
-                ImageRow.scene_id == scene_id, ImageRow.sha256.in_(wanted[start : start + _VARIABLES])
-            )
+            select(
+                ImageRow.sha256, ImageRow.verdict, ImageRow.name, ImageRow.registration, ImageRow.document
+            ).where(ImageRow.scene_id == scene_id, ImageRow.sha256.in_(wanted[start : start + _VARIABLES]))
         )
-        for sha256, verdict, document in rows:
-            digest = f"sha256:{sha256}"
+        for sha256, verdict, *row in rows:
+            digest, shown = f"sha256:{sha256}", _reason(*row)
             found[digest] = KnownImage(
-                digest=digest,
-                verdict=Verdict(verdict),
-                reason=document["reason"],
-                hint=document["hint"],
+                digest=digest, verdict=Verdict(verdict), reason=shown["reason"], hint=shown["hint"]
             )
     return found
 
@@ -111,13 +111,15 @@ def next_number(session: Session, scene_id: str) -> int:
     return int(number)
 
 
-def replace_image(session: Session, image: Image) -> None:
-    """Write an image's registration, reason and hint."""
-    row = session.get(ImageRow, (image.scene_id, image.sha256))
-    if row is not None:
-        row.registration = image.registration.value
-        row.document = image.model_dump(mode="json", exclude={"registration"})
-        session.flush()
+def change_registration(
+    session: Session, image: Image, registration: Registration, why: Finding | None = None
+) -> Image:
+    """Write an image's registration and the reason; returns the changed image."""
+    row = session.get_one(ImageRow, (image.scene_id, image.sha256))
+    row.registration = registration.value
+    row.document = _with_finding(row, why)
+    session.flush()
+    return _image(row)
 
 
 def delete_image(session: Session, scene_id: str, digest: str) -> tuple[Image, ...]:
@@ -141,7 +143,7 @@ def delete_image(session: Session, scene_id: str, digest: str) -> tuple[Image, .
 
 
 def register(
-    session: Session, scene_id: str, registered: Iterable[str], unregistered: Mapping[str, Notice | None]
+    session: Session, scene_id: str, registered: Iterable[str], unregistered: Mapping[str, Finding | None]
 ) -> None:
     """Record which accepted images, given by digest, have a pose in the current model.
 
@@ -152,7 +154,7 @@ def register(
     posed = {digest[_HEX:] for digest in registered}
     for row in _unregistered(session, scene_id):
         if row.sha256 in posed:
-            row.document = {**row.document, "reason": "", "hint": "", "finding": None}
+            row.document = _with_finding(row, None)
     session.flush()
     for registration, digests in (
         (Registration.REGISTERED, registered),
@@ -172,9 +174,7 @@ def register(
     reasons = {digest[_HEX:]: reason for digest, reason in unregistered.items()}
     for row in _unregistered(session, scene_id):
         if row.sha256 in reasons:
-            why = reasons[row.sha256]
-            shown = ("", "", None) if why is None else (why.message, why.hint, why.code.value)
-            row.document = {**row.document, **dict(zip(("reason", "hint", "finding"), shown, strict=True))}
+            row.document = _with_finding(row, reasons[row.sha256])
     session.flush()
 
 
@@ -183,5 +183,22 @@ def _unregistered(session: Session, scene_id: str) -> list[ImageRow]:
     return list(session.scalars(select(ImageRow).where(ImageRow.scene_id == scene_id, unregistered)))
 
 
+def _with_finding(row: ImageRow, finding: Finding | None) -> dict[str, Any]:
+    return {**row.document, "finding": None if finding is None else finding.model_dump(mode="json")}
+
+
 def _image(row: ImageRow) -> Image:
-    return Image.model_validate({**row.document, "registration": row.registration})
+    shown = _reason(row.name, row.registration, row.document)
+    return Image.model_validate({**row.document, **shown, "registration": row.registration})
+
+
+def _reason(name: str, registration: str, document: Mapping[str, Any]) -> dict[str, Any]:
+    """What an image shows of why it is not accepted or has no pose: the sentences, and the code."""
+    if registration == Registration.EXCLUDED.value:
+        return {"reason": "It was excluded.", "hint": "Include it again to use it.", "finding": None}
+    if document["finding"] is None:
+        return {key: document[key] for key in ("reason", "hint", "finding")}
+    found = Finding.model_validate(document["finding"]).model_copy(update={"images": (name,)})
+    shown = notice(found)
+    hint = _QUARANTINE_HINT if registration == Registration.QUARANTINED.value else shown.hint
+    return {"reason": shown.message, "hint": hint, "finding": shown.code}

@@ -11,7 +11,7 @@ from sqlalchemy.orm import Session
 from fvs_engine.wording import notice
 from fvs_schema.base import Page
 from fvs_schema.events import EventKind
-from fvs_schema.findings import Finding, FindingCode, Notice, Severity
+from fvs_schema.findings import Finding, FindingCode, Severity
 from fvs_schema.jobs import Job, JobKind
 from fvs_schema.scenes import Alignment
 from fvs_schema.snapshots import (
@@ -55,7 +55,7 @@ class NewSnapshot:
     alignment: Alignment
     files: Mapping[str, Path]
     registered: Iterable[str]
-    unregistered: Mapping[str, Notice | None]
+    unregistered: Mapping[str, Finding | None]
 
 
 class Snapshots:

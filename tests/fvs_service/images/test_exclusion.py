@@ -11,7 +11,6 @@ from fvs_service.principal import Scope
 from fvs_service.storage.tables import EventRow
 from sqlalchemy import select
 
-from fvs_engine.wording import notice
 from fvs_schema.findings import Finding, FindingCode
 
 Photograph = Callable[..., bytes]
@@ -72,14 +71,14 @@ def test_a_quarantined_image_says_why_and_can_be_tried_again(gateway: Any, photo
     lease = gateway.lease(scene)
     database = gateway.application.storage.database
     for how in ("signal SIGSEGV", "signal SIGABRT"):
-        reason = notice(Finding.of(FindingCode.QUARANTINED, ["a.jpg"], stage="match", how=how))
+        reason = Finding.of(FindingCode.QUARANTINED, stage="match", how=how)
         with database.writing() as session:
             quarantine(session, lease, {digest: reason, f"sha256:{'0' * 64}": reason})
     image = gateway.client.get(_path(scene, content)).json()
     assert (image["verdict"], image["registration"], image["reason"]) == (
         "accepted",
         "quarantined",
-        "a.jpg is quarantined: it crashes the stage match whenever that gets it (signal SIGSEGV).",
+        f"{image['name']} is quarantined: it crashes the stage match whenever that gets it (signal SIGSEGV).",
     )
     assert image["finding"] == "quarantined"
     assert image["hint"]

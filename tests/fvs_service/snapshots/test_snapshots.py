@@ -8,8 +8,7 @@ from fvs_service.gateway.rest.ranges import byte_range
 from hypothesis import given
 from hypothesis import strategies as st
 
-from fvs_engine.wording import notice
-from fvs_schema.findings import Finding, FindingCode, Notice
+from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.scenes import Alignment
 
 
@@ -241,7 +240,7 @@ def test_images_show_what_became_of_them(gateway: Any, photograph: Any, tmp_path
     }
 
     def commit(
-        stage: str, registered: list[str], unregistered: dict[str, Notice | None]
+        stage: str, registered: list[str], unregistered: dict[str, Finding | None]
     ) -> list[dict[str, Any]]:
         made = NewSnapshot(
             SnapshotMetrics(**metrics),
@@ -254,10 +253,14 @@ def test_images_show_what_became_of_them(gateway: Any, photograph: Any, tmp_path
         items: list[dict[str, Any]] = gateway.client.get(f"/v1/scenes/{scene}/images").json()["items"]
         return items
 
-    unmatched = notice(Finding.of(FindingCode.UNMATCHED, ["b.jpg"]))
+    unmatched = Finding.of(FindingCode.UNMATCHED)
     items = commit("first", digests[:1], {digests[1]: unmatched})
     assert [item["registration"] for item in items] == ["registered", "unregistered", "pending"]
-    assert [item["reason"] for item in items] == ["", unmatched.message, ""]
+    assert [item["reason"] for item in items] == [
+        "",
+        f"Not registered, as no other image matches: {items[1]['name']}.",
+        "",
+    ]
     assert [item["finding"] for item in items] == [None, "unmatched", None]
     assert items[1]["hint"].startswith("Photograph what lies between")
     assert gateway.client.get(f"/v1/scenes/{scene}").json()["image_counts"]["pending"] == 1

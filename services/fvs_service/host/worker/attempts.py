@@ -24,7 +24,7 @@ from fvs_service.host.worker.progress import JobProgress, size_of
 from fvs_service.host.worker.resources import Room
 from fvs_service.host.worker.stop import JobStop
 from fvs_service.host.worker.working_copies import WorkingCopies
-from fvs_service.images.files import notice_of
+from fvs_service.images.files import reason_of
 from fvs_service.images.repository import usable_images
 from fvs_service.jobs.ledger import Ledger
 from fvs_service.jobs.repository import images_milestone
@@ -183,8 +183,7 @@ class Attempts:
             files={name: folder / name for name in (*made.files, ALIGNMENT)},
             registered=tuple(made.model_from_camera) if updating else (),
             unregistered={
-                digest: None if why is None else notice_of(why, images, root)
-                for digest, why in reasons.items()
+                digest: None if why is None else reason_of(why, root) for digest, why in reasons.items()
             },
         )
         self._storage.snapshots.commit(lease, job, milestone, snapshot)

@@ -10,7 +10,7 @@ from typing import TypeAlias
 
 from fvs_engine.errors import Cancelled, NoProcessError, ProcessDiedError
 from fvs_engine.files.storage import DiskFullError
-from fvs_schema.findings import Finding, Notice
+from fvs_schema.findings import Finding
 from fvs_schema.jobs import Job, JobFailure, WaitReason
 from fvs_schema.stages import Stage
 from fvs_service.application import Storage
@@ -34,7 +34,7 @@ from fvs_service.host.worker.outcomes import Failed, LeftToAnother, Outcome, Pau
 from fvs_service.host.worker.progress import JobProgress
 from fvs_service.host.worker.stop import JobStop
 from fvs_service.images.exclusion import quarantine
-from fvs_service.images.files import notice_of
+from fvs_service.images.files import notice_of, reason_of
 from fvs_service.jobs.stages import Work
 from fvs_service.tracing import Span, Tracing
 
@@ -146,10 +146,11 @@ class Conversation:
                 self._patiently(lambda: self.commit(f"{name}-snapshot-{self.job.attempt}", made))
                 self.stop.may_be_superseded = name == "quick"  # the first model is of few images
             case Quarantined(reasons=reasons):
-                notices = {digest: self._notice(reason) for digest, reason in reasons.items()}
-                self._patiently(lambda: self._quarantine(notices))
+                root = self.storage.settings.root
+                findings = {digest: reason_of(reason, root) for digest, reason in reasons.items()}
+                self._patiently(lambda: self._quarantine(findings))
             case Warned(finding=finding):
-                warning = self._notice(finding)
+                warning = notice_of(finding, self.request.images, self.storage.settings.root)
                 self._patiently(lambda: self.storage.ledger.warn(lease, self.job.id, warning))
 
     def _report(self, stage: Stage, eta_s: float | None) -> None:
@@ -161,10 +162,7 @@ class Conversation:
         if self._stage is not None and time.monotonic() - self._reported > _REPORT_EVERY_S:
             self._report(self._stage, self.progress.now())
 
-    def _notice(self, finding: Finding) -> Notice:
-        return notice_of(finding, self.request.images, self.storage.settings.root)
-
-    def _quarantine(self, reasons: dict[str, Notice]) -> None:
+    def _quarantine(self, reasons: dict[str, Finding]) -> None:
         with self.storage.database.writing(self.job.scene_id) as session:
             quarantine(session, self.scene.lease, reasons)
 
