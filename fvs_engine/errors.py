@@ -5,16 +5,22 @@ wrong and where, and its ``hint`` the remedy. The command line and the service m
 ``code`` to an exit code or a problem document; they never parse messages.
 """
 
+from pathlib import Path
+
 
 class EngineError(Exception):
-    """An expected failure, with a stable ``code`` and a ``hint`` for the user."""
+    """An expected failure, with a stable ``code`` and a ``hint`` for the user.
+
+    ``path``: the file or folder that it is about, as message and hint name it.
+    """
 
     code = "engine-error"
 
-    def __init__(self, message: str, *, hint: str = "") -> None:
+    def __init__(self, message: str, *, hint: str = "", path: Path | str | None = None) -> None:
         super().__init__(message)
         self.message = message
         self.hint = hint
+        self.path = path
 
     def __str__(self) -> str:
         return f"{self.message} {self.hint}".strip()
@@ -64,8 +70,10 @@ class NativeJobError(ReconstructionError):
 
     wording = "Stage {stage!r} failed: {how}."
 
-    def __init__(self, stage: str, how: str, *, crashed: bool = True, hint: str = "") -> None:
-        super().__init__(self.wording.format(stage=stage, how=how), hint=hint)
+    def __init__(
+        self, stage: str, how: str, *, crashed: bool = True, hint: str = "", path: Path | None = None
+    ) -> None:
+        super().__init__(self.wording.format(stage=stage, how=how), hint=hint, path=path)
         self.stage = stage
         self.how = how
         self.crashed = crashed

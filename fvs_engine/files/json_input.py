@@ -13,7 +13,9 @@ def read_json(file: Path) -> Any:
         return json.loads(file.read_text(encoding="utf-8"))
     except OSError as error:
         raise InvalidInputError(
-            f"{file} cannot be read: {error.strerror}.", hint="Check the path."
+            f"{file} cannot be read: {error.strerror}.", hint="Check the path.", path=file
         ) from error
     except (ValueError, RecursionError) as error:
-        raise InvalidInputError(f"{file} is not JSON: {error}.", hint="Export it again.") from error
+        raise InvalidInputError(
+            f"{file} is not JSON: {error}.", hint="Export it again.", path=file
+        ) from error

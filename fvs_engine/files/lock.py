@@ -34,11 +34,13 @@ def locked_folder(root: Path, patience_s: float = 0.0) -> Iterator[None]:
                     raise OutputExistsError(
                         f"Another process is writing to {root}.",
                         hint="Wait until it is done, or choose another output folder.",
+                        path=root,
                     ) from error
                 time.sleep(_POLL_S)
             except OSError as error:  # some network file systems
                 raise StorageError(
                     f"{root} lies on a file system that cannot lock files: {error.strerror}.",
                     hint="Choose an output folder on a local disk.",
+                    path=root,
                 ) from error
         yield

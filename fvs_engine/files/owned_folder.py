@@ -50,6 +50,7 @@ class OwnedFolder(Generic[RecordT]):
                 raise OutputExistsError(
                     f"{self.root} is not empty and holds no {self.content}, but {foreign[0]}.",
                     hint="Choose another output folder; nothing was changed.",
+                    path=self.root,
                 )
 
     def require_same(self, differences: list[str], error: type[EngineError] = OutputExistsError) -> None:

@@ -26,6 +26,7 @@ def private_folder(name: str) -> Path:
             raise StorageError(
                 f"{folder} is not a folder of this user: another user may have made it.",
                 hint="Remove it, or set XDG_RUNTIME_DIR to a folder that belongs to the user of the service.",
+                path=folder,
             )
         if stat.S_IMODE(found.st_mode) != stat.S_IRWXU:
             folder.chmod(stat.S_IRWXU)

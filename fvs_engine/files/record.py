@@ -30,9 +30,12 @@ def read_record(
     except FileNotFoundError:
         return None
     except OSError as error:
-        raise StorageError(f"{path} cannot be read: {error.strerror or error}.", hint=remedy) from error
+        raise StorageError(
+            f"{path} cannot be read: {error.strerror or error}.", hint=remedy, path=path
+        ) from error
     except ValidationError as error:
         raise StorageError(
             f"{path} cannot be used: {first_error(error)}.",
             hint=f"It is damaged or of another version of fvs. {remedy}",
+            path=path,
         ) from error

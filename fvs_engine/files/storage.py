@@ -23,14 +23,17 @@ class DiskFullError(StorageError):
 def storage_error(error: OSError, path: Path | str) -> StorageError:
     """The ``StorageError`` for an ``OSError`` that writing ``path`` raised."""
     if _is_full(error):
-        return DiskFullError(f"There is no room left to write {path}.", hint=_RESUME_HINT)
+        return DiskFullError(f"There is no room left to write {path}.", hint=_RESUME_HINT, path=path)
     if error.errno in _IN_THE_WAY:
         return StorageError(
-            f"{path} cannot be created: a file is in the way.", hint="Choose another output folder."
+            f"{path} cannot be created: a file is in the way.",
+            hint="Choose another output folder.",
+            path=path,
         )
     return StorageError(
         f"{path} cannot be written: {error.strerror or error}.",
         hint="Check that its folder exists and is writable, or choose another one.",
+        path=path,
     )
 
 
@@ -58,6 +61,7 @@ def require_free_bytes(folder: Path, needed_bytes: int) -> None:
             f"The disk of {folder} has {free_bytes / 1e6:,.0f} MB left, "
             f"and this reconstruction needs about {needed_bytes / 1e6:,.0f} MB.",
             hint="Free some space, or choose an output folder on another disk.",
+            path=folder,
         )
 
 
@@ -70,5 +74,5 @@ def blame_full_disk(folder: Path) -> Iterator[None]:
         raise
     except Exception as error:
         if shutil.disk_usage(folder).free < 1_000_000:
-            raise DiskFullError(f"The disk of {folder} is full.", hint=_RESUME_HINT) from error
+            raise DiskFullError(f"The disk of {folder} is full.", hint=_RESUME_HINT, path=folder) from error
         raise

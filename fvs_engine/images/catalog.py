@@ -131,7 +131,9 @@ def require_usable(folder: Path, names: Sequence[str], *, monitor: Monitor | Non
     for result in _examined(folder, names, monitor or Monitor(), None):
         if isinstance(result, RejectedImage):
             raise InvalidInputError(
-                f"{folder / result.name} cannot be used: {result.reason}", hint=result.hint
+                f"{folder / result.name} cannot be used: {result.reason}",
+                hint=result.hint,
+                path=folder / result.name,
             )
 
 
@@ -158,7 +160,9 @@ def _file_names(folder: Path, leave_out: Path | None) -> list[str]:
 def _walk(folder: Path, leave_out: Path | None) -> Iterator[str]:
     def stop(error: OSError) -> None:
         raise InvalidInputError(
-            f"The folder {error.filename} cannot be read: {error.strerror}.", hint="Check its permissions."
+            f"The folder {error.filename} cannot be read: {error.strerror}.",
+            hint="Check its permissions.",
+            path=error.filename,
         ) from error
 
     for parent, subfolders, files in os.walk(folder, onerror=stop):

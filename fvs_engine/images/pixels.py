@@ -101,9 +101,11 @@ def load_rgb(path: Path, long_side_px: int | None = None) -> NDArray[np.uint8]:
     try:
         image = decode(path.read_bytes()).rgb
     except OSError as error:
-        raise UnusableImageError(f"{path} cannot be read: {error.strerror}.") from error
+        raise UnusableImageError(f"{path} cannot be read: {error.strerror}.", path=path) from error
     except UnusableImageError as error:
-        raise UnusableImageError(f"{path} cannot be used: {error.message}", hint=error.hint) from error
+        raise UnusableImageError(
+            f"{path} cannot be used: {error.message}", hint=error.hint, path=path
+        ) from error
     if long_side_px is not None:
         size = reduced_size(image.width, image.height, long_side_px)
         if size != image.size:

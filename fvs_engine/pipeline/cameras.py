@@ -134,5 +134,6 @@ def _of_photographs(imported: Reconstruction, file: Path, manifest: Manifest) ->
             f"Of the {len(imported.views)} images of {file}, {len(views)} are in {manifest.images.folder} "
             f"(its first is {imported.views[0].name}, the folder's {photographs[0].name}).",
             hint="Give the folder of photographs that these cameras were computed from.",
+            path=file,
         )
     return replace(imported, views=tuple(sorted(views, key=lambda view: view.name)))

@@ -93,14 +93,17 @@ def read_candidates(
         raise InvalidInputError(
             f"{path} is neither a list of candidates nor a transforms.json.",
             hint='Write [{"name": …, "position": [x, y, z], "orientation_wxyz": [w, x, y, z]}, …].',
+            path=path,
         )
     if not candidates:
-        raise InvalidInputError(f"{path} holds no pose.", hint="List at least one.")
+        raise InvalidInputError(f"{path} holds no pose.", hint="List at least one.", path=path)
     seen: set[str] = set()
     for candidate in candidates:
         if candidate.name in seen:
             raise InvalidInputError(
-                f"{path} holds two candidates called {candidate.name!r}.", hint="Give each its own name."
+                f"{path} holds two candidates called {candidate.name!r}.",
+                hint="Give each its own name.",
+                path=path,
             )
         seen.add(candidate.name)
     return tuple(candidates)
@@ -112,6 +115,7 @@ def _require_few(path: Path, document: Any, most: int | None) -> None:
         raise InvalidInputError(
             f"{path} holds {len(listed):,} poses; at most {most:,} can be planned with.",
             hint="Leave some out: several hundred spread over the scene are enough.",
+            path=path,
         )
 
 
@@ -184,6 +188,7 @@ def _from_transforms(
         raise InvalidInputError(
             f"{path} shares {len(shared)} views with the model; {_MIN_SHARED_VIEWS} are needed to align it.",
             hint="Give a transforms.json that lists the photographs of the model too.",
+            path=path,
         )
     source = np.stack([frames[name].translation for name in shared])
     target = np.stack([by_name[own].centre for own in shared.values()])
@@ -194,6 +199,7 @@ def _from_transforms(
         raise InvalidInputError(
             f"{path} cannot be aligned with the model: the {len(shared)} views that both have {reason}.",
             hint="Give a file that was made from these photographs, or poses in the model frame.",
+            path=path,
         )
     moved = {name: alignment.transform.move_camera(camera) for name, camera in frames.items()}
     turns = angle_between(
@@ -206,11 +212,13 @@ def _from_transforms(
             f"{path} cannot be aligned with the model: the {len(shared)} views that both have agree in "
             f"position, but their attitudes differ by {turn_deg:.0f}° (median).",
             hint="A transforms.json has OpenGL axes (x right, y up, z backward), camera to world.",
+            path=path,
         )
     if len(shared) == len(frames):
         raise InvalidInputError(
             f"All {len(frames)} frames of {path} are photographs of the model: none is left as a candidate.",
             hint="List poses that were not photographed as well.",
+            path=path,
         )
     camera = usual_camera(views)
     return [PinholeView(name, camera, moved[name].inverse()) for name in frames if name not in shared]

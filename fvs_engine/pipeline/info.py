@@ -25,7 +25,7 @@ def folder_info(root: Path) -> FolderInfo:
     workspace = Workspace.existing(root)
     manifest = workspace.read_manifest()
     if manifest is None:
-        raise StorageError(f"{workspace.manifest_path} has just been deleted.")
+        raise StorageError(f"{workspace.manifest_path} has just been deleted.", path=workspace.manifest_path)
     metrics = workspace.read_metrics()
     if manifest.cameras is None and SfmFolder(workspace.sfm).rejected.is_file():
         stage = (

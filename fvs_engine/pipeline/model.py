@@ -40,7 +40,9 @@ def open_model(root: Path) -> FolderModel:
     manifest = workspace.read_manifest()
     if manifest is None or manifest.training is None:
         raise InvalidInputError(
-            f"{root} holds no trained model yet.", hint="Run the same `fvs reconstruct` again to go on."
+            f"{root} holds no trained model yet.",
+            hint="Run the same `fvs reconstruct` again to go on.",
+            path=root,
         )
     training, cameras = manifest.training, manifest.cameras
     views = model_views(read_undistorted(workspace), manifest.settings.training_long_side_px)

@@ -156,7 +156,7 @@ def read_volume(path: Path) -> AnyVolume:
     try:
         return volume_from_json(json.dumps(document))
     except InvalidInputError as error:
-        raise InvalidInputError(f"{path}: {error.message}", hint=error.hint) from error
+        raise InvalidInputError(f"{path}: {error.message}", hint=error.hint, path=path) from error
 
 
 def _seen(model: FolderModel, scale: float) -> list[Seen]:

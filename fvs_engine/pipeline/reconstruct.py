@@ -187,6 +187,7 @@ def _require_compatible(
         raise OutputExistsError(
             f"{workspace.root} holds another reconstruction: {'; '.join(changed)}.",
             hint="Give another --out, or start again there with --overwrite.",
+            path=workspace.root,
         )
 
 

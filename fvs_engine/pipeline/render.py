@@ -45,7 +45,9 @@ def render_views(
         folder = out or model.workspace.renders / f"{group}-views"
     if not wanted:
         raise InvalidInputError(
-            f"{root} has no {group} views.", hint="Choose another group with --views, or --candidates."
+            f"{root} has no {group} views.",
+            hint="Choose another group with --views, or --candidates.",
+            path=root,
         )
     rasterizer = create_rasterizer(backend, monitor)
     model = replace(model, gaussians=model.gaussians.to(rasterizer.device))

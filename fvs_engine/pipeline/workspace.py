@@ -120,7 +120,9 @@ class Workspace:
         require_folder(root, hint)
         if not workspace.manifest_path.is_file():
             raise InvalidInputError(
-                f"{root} is not the output of a reconstruction: it has no manifest.json.", hint=hint
+                f"{root} is not the output of a reconstruction: it has no manifest.json.",
+                hint=hint,
+                path=root,
             )
         return workspace
 

@@ -123,12 +123,15 @@ def _posed(model: pycolmap.Reconstruction, folder: Path) -> tuple[AnyView, ...]:
             raise InvalidInputError(
                 f"The pose of {image.name} in {folder} cannot be used: {error.message}",
                 hint="Leave that image out of the model, or export it again.",
+                path=folder,
             ) from error
         camera = camera_from_pycolmap(model.cameras[image.camera_id])
         views.append(View(image.name, camera, camera_from_model))
     if not views:
         raise InvalidInputError(
-            f"No image of the model in {folder} has a pose.", hint="Give the model of a finished mapping."
+            f"No image of the model in {folder} has a pose.",
+            hint="Give the model of a finished mapping.",
+            path=folder,
         )
     return tuple(views)
 
@@ -140,12 +143,15 @@ def _camera_of(view: AnyView, photograph: Path) -> Camera:
             orientation = image.getexif().get(ExifTags.Base.Orientation, 1)
     except OSError as error:  # Pillow's errors derive from it
         raise InvalidInputError(
-            f"{photograph} cannot be read as an image.", hint="Replace it, or leave it out of the dataset."
+            f"{photograph} cannot be read as an image.",
+            hint="Replace it, or leave it out of the dataset.",
+            path=photograph,
         ) from error
     if orientation not in (0, 1):
         raise InvalidInputError(
             f"{photograph} is rotated (EXIF orientation {orientation}): its camera is ambiguous.",
             hint="Turn the pixels upright, remove the tag, and compute the poses from those images.",
+            path=photograph,
         )
     return fit_camera(view.camera, photograph)
 
@@ -185,5 +191,6 @@ def open_dataset(folder: Path, colmap: Path | None = None, transforms: Path | No
         raise InvalidInputError(
             f"{folder} holds no poses: neither transforms.json nor a COLMAP model.",
             hint="Name them with --colmap DIR or --transforms FILE; `fvs reconstruct` makes a COLMAP model.",
+            path=folder,
         )
     return read_dataset(images, colmap, transforms)

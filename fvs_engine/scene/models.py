@@ -154,7 +154,7 @@ def _owner(checkpoint: Path) -> _Owner | None:
         return _Owner.model_validate(read_checkpoint_state(checkpoint)["owner"])
     except (KeyError, ValidationError) as error:
         raise StorageError(
-            f"{checkpoint} is not of a scene: {error}", hint="Delete it and train again."
+            f"{checkpoint} is not of a scene: {error}", hint="Delete it and train again.", path=checkpoint
         ) from error
 
 

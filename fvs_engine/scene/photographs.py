@@ -64,6 +64,7 @@ class Photographs:
                 f"{self._image_dir / name} becomes {image.shape[1]}×{image.shape[0]} px, "
                 f"its camera {pinhole.width}×{pinhole.height} px.",
                 hint="Give the images that the cameras were computed from.",
+                path=self._image_dir / name,
             )
         if not isinstance(camera, PinholeCamera):
             image = _resampled(image, self._map(camera, pinhole))

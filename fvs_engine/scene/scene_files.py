@@ -113,7 +113,9 @@ class SceneFiles:
             return state, PointCloud(tensors["xyz"].numpy(), tensors["colors"].numpy())
         except (KeyError, ValidationError) as error:
             raise StorageError(
-                f"{self.state} is not the state of a scene.", hint="Delete the folder and start again."
+                f"{self.state} is not the state of a scene.",
+                hint="Delete the folder and start again.",
+                path=self.state,
             ) from error
 
 

@@ -95,6 +95,7 @@ class LoopFolder:
                 raise StorageError(
                     f"{path.parent} is incomplete: step {number} is missing or unfinished.",
                     hint="Start again in another output folder.",
+                    path=path.parent,
                 )
             if step.record is None:
                 return records, step.choice

@@ -81,7 +81,7 @@ def run_native(
         raise _death(job, status, log_file)
     if "error" in outcome:
         reason = outcome["error"].rstrip(".")
-        raise NativeJobError(job, reason, hint=f"Details are in {log_file}.")
+        raise NativeJobError(job, reason, hint=f"Details are in {log_file}.", path=log_file)
     return request.read(outcome["result"])
 
 
@@ -105,7 +105,7 @@ def _death(job: str, status: int, log_file: Path) -> ProcessDiedError:
     else:
         hint = f"pycolmap crashed. Its last output is in {log_file}."
     how = f"exit status {status}" if status >= 0 else f"signal {signal.Signals(-status).name}"
-    return ProcessDiedError(job, how, crashed=status not in _KILLED, hint=hint)
+    return ProcessDiedError(job, how, crashed=status not in _KILLED, hint=hint, path=log_file)
 
 
 def _no_process(reason: str) -> NoProcessError:

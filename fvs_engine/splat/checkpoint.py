@@ -53,9 +53,10 @@ def _opened(path: Path) -> Iterator[tuple[Any, dict[str, Any]]]:
                 raise StorageError(
                     f"{path} is not a training checkpoint of this version.",
                     hint="Train again: delete it, or start again with --overwrite.",
+                    path=path,
                 )
             yield file, json.loads(metadata["state"])
     except (OSError, SafetensorError, KeyError, ValueError) as error:
         raise StorageError(
-            f"{path} cannot be read as a checkpoint: {error}", hint="Delete it and train again."
+            f"{path} cannot be read as a checkpoint: {error}", hint="Delete it and train again.", path=path
         ) from error

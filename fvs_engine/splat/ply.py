@@ -58,23 +58,25 @@ def read_ply(path: Path) -> Gaussians:
     try:
         vertices = PlyData.read(str(path))["vertex"].data
     except FileNotFoundError:
-        raise InvalidInputError(f"{path}: there is no such file.") from None
+        raise InvalidInputError(f"{path}: there is no such file.", path=path) from None
     except Exception as error:  # damaged bytes can make the parser raise anything
         raise InvalidInputError(
             f"{path} cannot be read as a PLY with vertices: {error}",
             hint="Give a file in the 3DGS layout, such as `fvs` writes.",
+            path=path,
         ) from error
     available = set(vertices.dtype.names or ())
     for name in (*_MEANS, *_DC, "opacity", *_SCALES, *_ROTATION):
         if name not in available:
             raise InvalidInputError(
-                f"{path} has no vertex property {name!r}.", hint="Give a PLY in the 3DGS layout."
+                f"{path} has no vertex property {name!r}.", hint="Give a PLY in the 3DGS layout.", path=path
             )
     rest = sum(1 for name in available if name.startswith("f_rest_"))
     if rest not in {3 * (sh_coefficient_count(degree) - 1) for degree in range(4)}:
         raise InvalidInputError(
             f"{path} has {rest} f_rest_ properties; degrees 0 to 3 have 0, 9, 24 or 45.",
             hint="Give a PLY in the 3DGS layout.",
+            path=path,
         )
 
     def columns(*names: str) -> torch.Tensor:
@@ -82,12 +84,14 @@ def read_ply(path: Path) -> Gaussians:
         for i, name in enumerate(names):
             if name not in available:
                 raise InvalidInputError(
-                    f"{path} has no vertex property {name!r}.", hint="Give a PLY in the 3DGS layout."
+                    f"{path} has no vertex property {name!r}.",
+                    hint="Give a PLY in the 3DGS layout.",
+                    path=path,
                 )
             values[:, i] = vertices[name]
         if not np.isfinite(values).all():
             bad = names[int(np.argmin(np.isfinite(values).all(axis=0)))]
-            raise InvalidInputError(f"{path} holds a value of {bad!r} that is not finite.")
+            raise InvalidInputError(f"{path} holds a value of {bad!r} that is not finite.", path=path)
         return torch.from_numpy(values)
 
     sh_rest = columns(*(f"f_rest_{i}" for i in range(rest)))

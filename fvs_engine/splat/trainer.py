@@ -248,6 +248,7 @@ class Trainer:
             raise InvalidInputError(
                 f"{path} was trained on {len(state['views'])} views, which are not the {len(names)} given.",
                 hint="Give the same views in the same order, or train again.",
+                path=path,
             )
         with _whole(path):
             settings = TrainingSettings.model_validate(state["settings"])
@@ -281,7 +282,7 @@ def _whole(path: Path) -> Iterator[None]:
     try:
         yield
     except (KeyError, TypeError, ValidationError) as error:
-        raise StorageError(f"{path} is incomplete: {error}", hint="Train again.") from error
+        raise StorageError(f"{path} is incomplete: {error}", hint="Train again.", path=path) from error
 
 
 def _named(tensors: dict[str, Tensor], prefix: str, device: torch.device | str = "cpu") -> dict[str, Tensor]:

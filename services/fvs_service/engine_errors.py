@@ -33,9 +33,21 @@ def without_folders(text: str, root: Path) -> str:
     return text
 
 
+def for_clients(error: EngineError | ServiceError, root: Path) -> tuple[str, str]:
+    """The message and the hint, with the name of the file that the error is about in place of its path.
+
+    Other paths are relative to the service's ``root``.
+    """
+    message, hint = error.message, error.hint
+    if isinstance(error, EngineError) and error.path is not None:
+        path, name = str(error.path), Path(error.path).name
+        message, hint = message.replace(path, name), hint.replace(path, name)
+    return without_folders(message, root), without_folders(hint, root)
+
+
 def from_engine(error: EngineError, root: Path) -> ServiceError:
-    """The service's error for one of the engine's; paths are relative to the service's ``root``."""
-    message, hint = without_folders(error.message, root), without_folders(error.hint, root)
+    """The service's error for one of the engine's, with the texts ``for_clients``."""
+    message, hint = for_clients(error, root)
     if error.code == "disk-full":
         return OutOfSpaceError("The disk is full.")
     for kind, service_kind in _OF_ENGINE:

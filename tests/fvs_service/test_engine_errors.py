@@ -46,3 +46,8 @@ def test_errors_of_the_engine_lose_the_folders_of_the_server() -> None:
         InvalidInputError("/srv/fvs/a.txt is not JSON.", hint="Look at /srv/fvs/a.txt."), root
     )
     assert (wrong.message, wrong.hint) == ("a.txt is not JSON.", "Look at a.txt.")
+    unwritable = storage_error(OSError(13, "Permission denied"), root / "scenes" / "scn_1" / "a.bin")
+    assert unwritable.path == root / "scenes" / "scn_1" / "a.bin"
+    for place in (root, Path("/elsewhere")):
+        error = from_engine(unwritable, place)
+        assert error.message == "a.bin cannot be written: Permission denied."

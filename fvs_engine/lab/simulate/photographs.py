@@ -69,11 +69,13 @@ def _claim(folder: Path, images: Path, truth: str) -> None:
         raise StorageError(
             f"{folder} cannot be used: {error.strerror or error}.",
             hint="Choose an output folder that you may write to.",
+            path=folder,
         ) from error
     if taken:
         raise OutputExistsError(
             f"{folder} holds other photographs or poses already.",
             hint="Choose another output folder; nothing was changed.",
+            path=folder,
         )
     write_text_atomically(poses, truth)
 

@@ -64,6 +64,7 @@ def _triangulate(
             f"{len(views)} of the {len(cameras.views)} given cameras have a usable image in {image_dir}"
             + (f"; {missing[0]} has none." if missing else "."),
             hint="Give the folder of photographs that these cameras were computed from.",
+            path=image_dir,
         )
     names = [view.name for view in views]
     stages = Stages(SfmFolder(out_dir), image_dir, settings, monitor)

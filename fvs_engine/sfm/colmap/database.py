@@ -60,6 +60,7 @@ def _damaged(path: Path) -> DamagedOutputError:
     return DamagedOutputError(
         f"The feature database {path} is damaged.",
         hint=f"Delete {path.name} and run again; features are extracted again.",
+        path=path,
     )
 
 
@@ -71,11 +72,14 @@ def _errors_named(path: Path) -> Iterator[None]:
     except sqlite3.OperationalError as error:
         if "locked" in str(error) or "busy" in str(error):
             raise StorageError(
-                f"Another process works on {path}.", hint="Wait until it ends, or give another output folder."
+                f"Another process works on {path}.",
+                hint="Wait until it ends, or give another output folder.",
+                path=path,
             ) from error
         raise StorageError(
             f"The feature database {path} cannot be used: {error}.",
             hint="Check the folder's permissions and the free space on its disk.",
+            path=path,
         ) from error
     except sqlite3.DatabaseError as error:
         raise _damaged(path) from error

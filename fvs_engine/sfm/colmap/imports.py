@@ -34,7 +34,7 @@ def find_colmap_model(folder: Path) -> Path:
     for candidate in (folder, folder / "sparse" / "0", folder / "sparse", folder / "0"):
         if has_colmap_model(candidate):
             return candidate
-    raise InvalidInputError(f"{folder} holds no COLMAP model.", hint=hint)
+    raise InvalidInputError(f"{folder} holds no COLMAP model.", hint=hint, path=folder)
 
 
 def import_colmap(colmap_dir: Path, image_dir: Path | None = None) -> Reconstruction:
@@ -46,7 +46,7 @@ def import_colmap(colmap_dir: Path, image_dir: Path | None = None) -> Reconstruc
     """
     model = open_colmap(find_colmap_model(colmap_dir))
     if model.num_reg_images() == 0:
-        raise InvalidInputError(f"No image of the model in {colmap_dir} has a pose.")
+        raise InvalidInputError(f"No image of the model in {colmap_dir} has a pose.", path=colmap_dir)
     reconstruction = from_pycolmap(model)
     return reconstruction if image_dir is None else fit_cameras(reconstruction, image_dir)
 
@@ -93,17 +93,20 @@ def import_transforms_json(file: Path) -> Reconstruction:
         raise InvalidInputError(
             f"{file} has no frames.",
             hint="Give a transforms.json as NeRF datasets have it, with a list of frames.",
+            path=file,
         )
     views: dict[str, AnyView] = {}
     for number, frame in enumerate(frames):
         if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
-            raise InvalidInputError(f"Frame {number} of {file} has no file_path.")
+            raise InvalidInputError(f"Frame {number} of {file} has no file_path.", path=file)
         plain = PurePosixPath(frame["file_path"].replace("\\", "/"))
         if not plain.name:
-            raise InvalidInputError(f"The file_path of frame {number} of {file} is not the path of a file.")
+            raise InvalidInputError(
+                f"The file_path of frame {number} of {file} is not the path of a file.", path=file
+            )
         name, image = _locate(file, plain)
         if name in views:
-            raise InvalidInputError(f"{file} has more than one frame for {name}.")
+            raise InvalidInputError(f"{file} has more than one frame for {name}.", path=file)
         camera = _camera(file, {**head, **frame}, image)
         views[name] = View(name, camera, _camera_from_model(file, name, frame))
     return Reconstruction.of_views(views.values())
@@ -112,7 +115,9 @@ def import_transforms_json(file: Path) -> Reconstruction:
 def _read_object(file: Path) -> dict[str, Any]:
     head = read_json(file)
     if not isinstance(head, dict):
-        raise InvalidInputError(f"{file} is not a transforms.json.", hint="It must be a JSON object.")
+        raise InvalidInputError(
+            f"{file} is not a transforms.json.", hint="It must be a JSON object.", path=file
+        )
     return head
 
 
@@ -128,15 +133,21 @@ def _camera_from_model(file: Path, name: str, frame: Mapping[str, Any]) -> Rigid
     try:
         matrix = np.asarray(frame.get("transform_matrix"), dtype=np.float64)
     except (TypeError, ValueError, OverflowError) as error:
-        raise InvalidInputError(f"The transform_matrix of {name} in {file} is not a matrix.") from error
+        raise InvalidInputError(
+            f"The transform_matrix of {name} in {file} is not a matrix.", path=file
+        ) from error
     if matrix.shape not in {(4, 4), (3, 4)}:
-        raise InvalidInputError(f"The transform_matrix of {name} in {file} is not 4×4.")
+        raise InvalidInputError(f"The transform_matrix of {name} in {file} is not 4×4.", path=file)
     if not np.isfinite(matrix).all():
-        raise InvalidInputError(f"The transform_matrix of {name} in {file} has a number that is not finite.")
+        raise InvalidInputError(
+            f"The transform_matrix of {name} in {file} has a number that is not finite.", path=file
+        )
     try:
         model_from_opengl_camera = RigidTransform(matrix[:3, :3], matrix[:3, 3])
     except InvalidInputError as error:
-        raise InvalidInputError(f"The transform_matrix of {name} in {file}: {error.message}") from error
+        raise InvalidInputError(
+            f"The transform_matrix of {name} in {file}: {error.message}", path=file
+        ) from error
     return (model_from_opengl_camera @ OPENGL_FROM_OPENCV).inverse()
 
 
@@ -146,7 +157,7 @@ def _image_size(path: Path) -> tuple[int, int]:
             return photograph.size
     except OSError as error:  # Pillow's error for a file that is not an image derives from it
         raise InvalidInputError(
-            f"{path} cannot be read as an image.", hint="Replace it, or leave it out of the model."
+            f"{path} cannot be read as an image.", hint="Replace it, or leave it out of the model.", path=path
         ) from error
 
 
@@ -155,10 +166,12 @@ def _camera(file: Path, entry: Mapping[str, Any], image: Path | None) -> Camera:
     if (width is None or height is None) and image is not None:
         width, height = _image_size(image)
     if width is None or height is None:
-        raise InvalidInputError(f"{file} has no image size.", hint="Add w and h in px.")
+        raise InvalidInputError(f"{file} has no image size.", hint="Add w and h in px.", path=file)
     fx = _number(file, entry, "fl_x") or _focal(width, _number(file, entry, "camera_angle_x"))
     if fx is None:
-        raise InvalidInputError(f"{file} has no focal length.", hint="Add fl_x (px) or camera_angle_x (rad).")
+        raise InvalidInputError(
+            f"{file} has no focal length.", hint="Add fl_x (px) or camera_angle_x (rad).", path=file
+        )
     fy = _number(file, entry, "fl_y") or _focal(height, _number(file, entry, "camera_angle_y")) or fx
     cx, cy = _number(file, entry, "cx"), _number(file, entry, "cy")
     centre = (width / 2 if cx is None else cx, height / 2 if cy is None else cy)
@@ -194,4 +207,4 @@ def _number(file: Path, entry: Mapping[str, Any], key: str) -> float | None:
             return float(value)
     except OverflowError:  # an integer beyond the range of floats
         pass
-    raise InvalidInputError(f"{key} in {file} is {str(value)[:40]}, not a finite number.")
+    raise InvalidInputError(f"{key} in {file} is {str(value)[:40]}, not a finite number.", path=file)

@@ -24,20 +24,20 @@ def read_intrinsics(file: Path) -> KnownIntrinsics:
     try:
         text = file.read_text(encoding="utf-8")
     except OSError as error:
-        raise InvalidInputError(f"{file} cannot be read: {error.strerror}.", hint=_HINT) from error
+        raise InvalidInputError(f"{file} cannot be read: {error.strerror}.", hint=_HINT, path=file) from error
     except UnicodeDecodeError as error:
-        raise InvalidInputError(f"{file} is not a text file.", hint=_HINT) from error
+        raise InvalidInputError(f"{file} is not a text file.", hint=_HINT, path=file) from error
     try:
         fields = json.loads(text) if text.lstrip().startswith("{") else _fields_of_line(text)
         return KnownIntrinsics.model_validate(fields)
     except (json.JSONDecodeError, RecursionError) as error:
-        raise InvalidInputError(f"{file} is not JSON: {error}.", hint=_HINT) from error
+        raise InvalidInputError(f"{file} is not JSON: {error}.", hint=_HINT, path=file) from error
     except ValidationError as error:
         raise InvalidInputError(
-            f"{file} does not describe a camera: {first_error(error)}.", hint=_HINT
+            f"{file} does not describe a camera: {first_error(error)}.", hint=_HINT, path=file
         ) from error
     except InvalidInputError as error:
-        raise InvalidInputError(f"{file}: {error.message}", hint=error.hint or _HINT) from error
+        raise InvalidInputError(f"{file}: {error.message}", hint=error.hint or _HINT, path=file) from error
 
 
 def _fields_of_line(text: str) -> dict[str, object]:

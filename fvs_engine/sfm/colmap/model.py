@@ -69,7 +69,7 @@ def open_colmap(folder: Path) -> pycolmap.Reconstruction:
 
 def _unreadable(folder: Path) -> StorageError:
     return StorageError(
-        f"The COLMAP model in {folder} cannot be read: it is damaged or cut short.", hint=_HINT
+        f"The COLMAP model in {folder} cannot be read: it is damaged or cut short.", hint=_HINT, path=folder
     )
 
 
@@ -79,10 +79,11 @@ def _require_sound(folder: Path) -> None:
         raise StorageError(
             f"{folder} holds no COLMAP model.",
             hint="A model is the three files cameras, images and points3D, as .bin or .txt.",
+            path=folder,
         )
     damaged = damaged_file(folder)
     if damaged is not None:
-        raise StorageError(f"{damaged} is damaged or cut short.", hint=_HINT)
+        raise StorageError(f"{damaged} is damaged or cut short.", hint=_HINT, path=damaged)
 
 
 def from_pycolmap(model: pycolmap.Reconstruction) -> Reconstruction:

@@ -333,7 +333,7 @@ class GrowingReconstruction:
         if not self._database_is_sound:
             require_sound_database(database)
         if self.registered and not database.exists():
-            raise DamagedOutputError(f"The feature database {database} is missing.")
+            raise DamagedOutputError(f"The feature database {database} is missing.", path=database)
         self._database_is_sound = True
 
     @contextlib.contextmanager
@@ -343,7 +343,7 @@ class GrowingReconstruction:
             yield
         except DamagedOutputError as damage:
             hint = f"Delete {self._folder.root} and add the images again."
-            raise DamagedOutputError(damage.message, hint=hint) from damage
+            raise DamagedOutputError(damage.message, hint=hint, path=damage.path) from damage
 
     def _extract_features(self, stages: Stages) -> list[str]:
         """Extract features of all added images; returns the images that have some."""

@@ -178,6 +178,7 @@ class GrowthFolder:
             raise InvalidInputError(
                 f"{self.root} holds a reconstruction with other settings.",
                 hint="Give the settings that it was created with, or another folder.",
+                path=self.root,
             )
         self._remove_all_but(state.generation)
         return state
@@ -251,12 +252,13 @@ def require_unchanged(state: GrowthState, image_dir: Path, names: Sequence[str])
     for name in names:
         file = image_dir / name
         if not file.is_file():
-            raise InvalidInputError(f"{file} does not exist.", hint="Check the image names.")
+            raise InvalidInputError(f"{file} does not exist.", hint="Check the image names.", path=file)
         sizes[name] = file.stat().st_size
         if state.images.get(name, sizes[name]) != sizes[name]:
             raise InvalidInputError(
                 f"{file} is not the photograph that was added before.",
                 hint="Give the new photograph a name of its own, or start in another folder.",
+                path=file,
             )
     return sizes
 
@@ -269,5 +271,7 @@ def require_readable(image_dir: Path, names: Sequence[str]) -> None:
                 pass
         except (OSError, Image.DecompressionBombError) as error:
             raise InvalidInputError(
-                f"{image_dir / name} cannot be read as an image.", hint="Leave it out, or export it again."
+                f"{image_dir / name} cannot be read as an image.",
+                hint="Leave it out, or export it again.",
+                path=image_dir / name,
             ) from error

@@ -15,7 +15,7 @@ from fvs_engine.errors import Cancelled, EngineError
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.splat.raster import create_rasterizer
-from fvs_service.engine_errors import without_folders
+from fvs_service.engine_errors import for_clients
 from fvs_service.errors import ConflictError, ServiceError
 from fvs_service.host.protocol.connection import Connection, RunnerGoneError
 from fvs_service.host.protocol.messages import (
@@ -222,10 +222,8 @@ class RunnerServer:
         """The message for a failed request; that for a failed job has the engine's own code."""
         if not (isinstance(error, EngineError) and isinstance(request, RunJob)):
             return failure_of(error, self._root)
-        message, hint = (
-            with_original_names(without_folders(text, self._root), request.images)
-            for text in (error.message, error.hint)
-        )
+        texts = for_clients(error, self._root)
+        message, hint = (with_original_names(text, request.images) for text in texts)
         retryable = error.code not in _FINAL or isinstance(error, Cancelled)
         return Failure(code=error.code, message=message, hint=hint, retryable=retryable)
 

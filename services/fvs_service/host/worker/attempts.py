@@ -14,7 +14,7 @@ from fvs_schema.images import Image
 from fvs_schema.jobs import Job, JobFailure, JobKind
 from fvs_schema.stages import Stage
 from fvs_service.application import Storage
-from fvs_service.engine_errors import without_folders
+from fvs_service.engine_errors import for_clients
 from fvs_service.errors import OutOfSpaceError, ServiceError, StaleLeaseError, StorageUnavailableError
 from fvs_service.host.protocol.messages import JobOutcome, RunJob
 from fvs_service.host.worker.conversation import Conversation, StageSpans
@@ -78,12 +78,12 @@ class Attempts:
             raise
         except (ServiceError, EngineError) as error:
             retryable = not isinstance(error, ServiceError) or error.retryable
-            root = self._storage.settings.root
+            message, hint = for_clients(error, self._storage.settings.root)
             return Failed(
                 JobFailure(
                     code=error.code,
-                    message=without_folders(error.message, root),
-                    hint=without_folders(error.hint, root),
+                    message=message,
+                    hint=hint,
                     retryable=retryable,
                     stage=Stage.SNAPSHOT,
                 )
