@@ -7,8 +7,7 @@ from fvs_engine.geometry.alignment.similarity import (
     umeyama,
 )
 from fvs_engine.geometry.cameras import CAMERA_MODELS, Camera, DistortedCamera, PinholeCamera
-from fvs_engine.geometry.level import level_axes
-from fvs_engine.geometry.look_at import OPENGL_FROM_OPENCV, look_at, look_at_from_each
+from fvs_engine.geometry.look_at import OPENGL_FROM_OPENCV, level_axes, look_at, look_at_from_each
 from fvs_engine.geometry.paths import halfway_between_neighbours, smooth_path
 from fvs_engine.geometry.rotations import angle_between, matrix_from_quaternion, quaternion_from_matrix
 from fvs_engine.geometry.transforms import RigidTransform, SimilarityTransform

@@ -4,6 +4,7 @@ The first line of standard input is a ``ProcessOrder``. A gateway writes its ``A
 once it answers. Then both write their pulse to it (``pulse``).
 """
 
+import ctypes
 import os
 import sys
 
@@ -12,10 +13,12 @@ from fvs_service.application import open_storage
 from fvs_service.gateway.addresses import Addresses
 from fvs_service.host.worker.runners import LeasedRunners
 from fvs_service.logs import configure_logging, log_uncaught
-from fvs_service.serving.arenas import limit_arenas
 from fvs_service.serving.process_order import GATEWAY, ProcessOrder
 from fvs_service.serving.pulse import PULSE_S, beat
 from fvs_service.tracing import Tracing
+
+_M_ARENA_MAX = -8
+_ARENAS = 2
 
 
 def main() -> None:
@@ -53,6 +56,19 @@ def _run_worker(order: ProcessOrder) -> None:
         run_worker(storage, order.name, beat)
     tracing.close()
     os._exit(0)  # without waiting for attempts that still run: the next process resumes them
+
+
+def limit_arenas() -> None:
+    """Let all threads of this process share a few arenas; no effect where the C library is not glibc.
+
+    glibc gives up to eight threads per core an arena each, and freed memory stays in the arena that it came
+    from. A gateway answers requests in the threads of a pool: after 20 minutes of load it held 13 MB of freed
+    memory, three times as much as at its start, and growing. With few arenas the threads reuse each other's
+    memory; they seldom wait for one, since Python's own lock lets one of them run at a time.
+    """
+    mallopt = getattr(ctypes.CDLL(None), "mallopt", None)
+    if mallopt is not None:
+        mallopt(_M_ARENA_MAX, _ARENAS)
 
 
 if __name__ == "__main__":

@@ -2,7 +2,7 @@ import json
 
 import pytest
 from fvs_client.spool.answers import Answer, RefusedError, require_success
-from fvs_client.spool.backoff import Backoff
+from fvs_client.spool.draining import Backoff
 from fvs_client.spool.errors import LinkError
 from fvs_client.spool.pace import Pace
 from fvs_client.spool.quantities import bytes_of

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 import pytest
 from defusedxml.ElementTree import fromstring
 from fvs_service.errors import InvalidRequestError
-from fvs_service.missions.formats import xml_text
+from fvs_service.missions.formats import dji_kmz
 from fvs_service.missions.writing import write_mission
 
 from fvs_schema.missions import Drone, MissionOptions, MissionView
@@ -230,7 +230,7 @@ def test_numbers_have_no_exponents(scene: Any) -> None:
         (7, "7"),
         (1e10, f"1{'0' * 10}"),
     ):
-        assert xml_text.element("a", value) == f"<a>{written}</a>"
+        assert dji_kmz.element("a", value) == f"<a>{written}</a>"
 
 
 def test_altitudes_above_the_ellipsoid_come_with_those_above_sea_level(flights: Any) -> None:

@@ -11,7 +11,7 @@ pytestmark = [
 
 _ARENAS_OF_THREADS = """
 import ctypes, sys, threading
-from fvs_service.serving.arenas import limit_arenas
+from fvs_service.serving.process import limit_arenas
 
 if "limited" in sys.argv:
     limit_arenas()

@@ -1,6 +1,5 @@
 """Exit codes of errors of the client."""
 
-from fvs_client.cli.errors import SceneNameError
 from fvs_client.cli.exit_codes import UNAVAILABLE, USAGE
 from fvs_client.errors import (
     ApiError,
@@ -14,6 +13,14 @@ from fvs_client.errors import (
     UnavailableError,
     WaitTimeoutError,
 )
+from fvs_schema.error_codes import ErrorCode
+
+
+class SceneNameError(FvsError):
+    """A scene's name is ambiguous, or taken."""
+
+    code = ErrorCode.USAGE
+
 
 _STATUSES: tuple[tuple[type[FvsError], int], ...] = (
     (UnauthenticatedError, 5),

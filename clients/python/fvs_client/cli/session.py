@@ -8,8 +8,7 @@ import typer
 
 from fvs_client import Client, Scene
 from fvs_client.cli.command_group import print_error
-from fvs_client.cli.error_exit_codes import exit_code_of
-from fvs_client.cli.errors import SceneNameError
+from fvs_client.cli.error_exit_codes import SceneNameError, exit_code_of
 from fvs_client.cli.exit_codes import INTERRUPTED, USAGE
 from fvs_client.cli.program import Target
 from fvs_client.cli.wording import hint_in_options, in_options

@@ -10,13 +10,14 @@ from fastapi.security import HTTPAuthorizationCredentials, HTTPBearer
 from starlette.concurrency import run_in_threadpool
 
 from fvs_schema.base import Page
+from fvs_schema.error_codes import FieldError
 from fvs_schema.jobs import JobPage
 from fvs_schema.scenes import ScenePage
 from fvs_service.application import Application
-from fvs_service.errors import UnauthenticatedError
+from fvs_service.errors import InvalidRequestError, UnauthenticatedError
 from fvs_service.events.feed import EventFeed
 from fvs_service.gateway.drain import Drain
-from fvs_service.gateway.rest.query import require_known_query
+from fvs_service.gateway.rest.routing import JsonRoute
 from fvs_service.ids import new_id
 from fvs_service.principal import Principal, Scope
 from fvs_service.telemetry import Metrics
@@ -184,3 +185,31 @@ SceneUploader = Annotated[Principal, Depends(_uploader)]
 def set_location(response: Response, path: str) -> None:
     """Set the location of the created resource."""
     response.headers["Location"] = path
+
+
+_SHOWN = 100
+"""Maximum length of a name in an error."""
+
+
+def require_known_query(request: Request) -> None:
+    """Raise ``InvalidRequestError`` for a parameter that the route does not have, or that comes twice."""
+    if not request.url.query:
+        return
+    route = request.scope.get("route")
+    known = route.parameters if isinstance(route, JsonRoute) else {}
+    names = [name for name, _ in request.query_params.multi_items()]
+    for name in names:
+        shown = name[:_SHOWN]
+        if name not in known:
+            have = ", ".join(sorted(known))
+            raise InvalidRequestError(
+                f"There is no parameter {shown!r}.",
+                hint=f"The parameters are {have}." if have else "Leave it out: there are none here.",
+                errors=[FieldError(shown, "there is no such parameter")],
+            )
+        if names.count(name) > 1 and not known[name]:
+            raise InvalidRequestError(
+                f"The parameter {shown!r} is given twice.",
+                hint="Give it once.",
+                errors=[FieldError(shown, "it is given twice")],
+            )

@@ -7,13 +7,13 @@ import io
 import re
 import zipfile
 from collections.abc import Iterator
+from xml.sax.saxutils import escape
 
 from fvs_schema.error_codes import FieldError
 from fvs_schema.missions import Drone, Finish
 from fvs_schema.scenes import AltitudeDatum
 from fvs_service.errors import InvalidRequestError
 from fvs_service.missions.flight import Mission, Waypoint
-from fvs_service.missions.formats.xml_text import element, text
 
 DATUMS = frozenset({AltitudeDatum.TAKEOFF, AltitudeDatum.ELLIPSOID})
 _KML, _WPML = "http://www.opengis.net/kml/2.2", "http://www.dji.com/wpmz/1.0.2"
@@ -263,3 +263,20 @@ def _above_sea(mission: Mission) -> float:
 
 def _clamped(value: float, limits: tuple[float, float]) -> float:
     return min(max(value, limits[0]), limits[1])
+
+
+def element(tag: str, *content: str | float) -> str:
+    """An element: its content is elements, or one text or number."""
+    inner = "".join(part if isinstance(part, str) else _number(part) for part in content)
+    return f"<{tag}>{inner}</{tag}>"
+
+
+def text(value: str) -> str:
+    """A text as content."""
+    return escape(value)
+
+
+def _number(value: float) -> str:
+    """A number without an exponent, which some readers reject; rounded to nine decimals."""
+    digits = f"{value:.9f}".rstrip("0").rstrip(".")
+    return "0" if digits == "-0" else digits
