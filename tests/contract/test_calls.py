@@ -42,7 +42,7 @@ def test_an_upload_that_stops_half_way_resumes_where_it_stopped(
     assert _offset(tenant, scene, content) == 2 * CHUNK
 
     _, wrong = refused(lambda: send(tenant, upload_parts(scene, content, offset=CHUNK)))
-    assert wrong.code == "conflict"
+    assert wrong.code == "offset-mismatch"
     assert _offset(tenant, scene, content) == 2 * CHUNK  # nothing is lost by that
 
     sent = send(tenant, upload_parts(scene, content, offset=2 * CHUNK))

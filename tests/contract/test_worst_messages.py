@@ -5,6 +5,7 @@ from functools import partial
 from pathlib import Path
 
 import grpc
+import pytest
 from conftest_of import conftest_of
 from gateways import running_gateway, settings_for
 from google.protobuf.descriptor import Descriptor, FieldDescriptor
@@ -72,6 +73,7 @@ def _code(channel: grpc.Channel, method: str, content: bytes) -> grpc.StatusCode
     return grpc.StatusCode.OK
 
 
+@pytest.mark.system
 def test_no_message_holds_the_event_loop(tmp_path: Path) -> None:
     settings = settings_for(tmp_path / "service", {"grpc_port": 0})
     sizes = (_SMALL_BYTES - 100, settings.limits.json_bytes - 100)

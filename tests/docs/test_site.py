@@ -30,6 +30,7 @@ def test_pages_load_nothing_from_elsewhere(site: Path) -> None:
         assert loaded == [], page
 
 
+@pytest.mark.system
 def test_the_references_are_generated(site: Path) -> None:
     rest = (site / "reference" / "rest.html").read_text(encoding="utf-8")
     assert "POST /v1/scenes/{scene_id}/rankings" in rest

@@ -303,7 +303,14 @@ def test_every_number_of_a_request_has_a_range_and_a_request_that_tests_it(docum
 
 @pytest.mark.parametrize("computed", [False, pytest.param(True, marks=pytest.mark.slow)])
 @pytest.mark.parametrize(
-    ("path", "request_"), [(path, request) for path, requests in REQUESTS.items() for request in requests]
+    ("path", "request_"),
+    [
+        pytest.param(
+            path, request, marks=pytest.mark.system if "volume" in request.get("generator", ()) else ()
+        )
+        for path, requests in REQUESTS.items()
+        for request in requests
+    ],
 )
 def test_extreme_numbers_in_bodies_are_refused_by_name_or_used(
     gateway: Any,

@@ -51,7 +51,7 @@ def read_when_ready(blobs: Blobs, key: str) -> bytes:
 def test_blobs_are_stored_read_listed_and_removed(settings: BlobSettings, tmp_path: Path) -> None:
     blobs = Blobs(tmp_path / "unused", settings)
     blobs.check()
-    content = bytes(range(256)) * 100_000  # more than one part of a multipart upload
+    content = bytes(range(256)) * 50_000  # more than one part of a multipart upload
     file = tmp_path / "large"
     file.write_bytes(content)
     blobs.keep(file, "scenes/a/large")
@@ -89,7 +89,7 @@ def test_a_store_that_cannot_be_used_says_why(
     says: str,
     hint: str,
 ) -> None:
-    monkeypatch.setattr(blobs_module, "_RETRY_S", 0.5)
+    monkeypatch.setattr(blobs_module, "_RETRY_S", 0.1)
     blobs = Blobs(tmp_path, settings.model_copy(update=change))
     with pytest.raises(StorageUnavailableError, match=says) as found:
         blobs.check()
@@ -150,7 +150,7 @@ def test_a_right_that_the_credentials_lack_is_named(
 def test_a_store_that_comes_back_has_everything(
     server: ObjectStoreServer, settings: BlobSettings, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr(blobs_module, "_RETRY_S", 0.5)
+    monkeypatch.setattr(blobs_module, "_RETRY_S", 0.1)
     impatient = Blobs(tmp_path, settings)
     impatient.put(b"content", "x")
     server.stop()

@@ -148,7 +148,7 @@ def test_who_has_read_an_event_has_read_all_with_smaller_numbers(database: Datab
     done, seen, gaps = threading.Event(), [0], []
 
     def write(number: int) -> None:
-        for _ in range(20):
+        for _ in range(8):
             with database.writing() as session:
                 publish(session, scene, EventKind.SCENE_CHANGED, {})
                 if number % 2:
@@ -170,7 +170,7 @@ def test_who_has_read_an_event_has_read_all_with_smaller_numbers(database: Datab
     follower.join()
     with database.reading() as session:
         assert seen[1:] == [event.number for event in events_after(session, scene, 0)]
-    assert len(seen) == 1 + 81
+    assert len(seen) == 1 + 33
 
 
 def test_a_frozen_worker_cannot_commit_and_does_not_hold_up_others(postgresql: PostgresqlServer) -> None:
@@ -221,6 +221,7 @@ def test_a_server_that_restarts_costs_an_error_and_nothing_else(own_server: Post
     database.close()
 
 
+@pytest.mark.system
 def test_a_commit_wakes_those_who_wait_also_after_a_restart(own_server: PostgresqlServer) -> None:
     database = Database(own_server.create_database(uuid4().hex))
     try:
