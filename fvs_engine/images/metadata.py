@@ -32,7 +32,7 @@ logging.getLogger("exifread").setLevel(logging.CRITICAL)  # damaged files are ex
 class PhotographPriors:
     """The pose priors of one photograph; every part may be missing.
 
-    ``altitude_m`` is above sea level, as EXIF has it. Angles are those of the camera (the gimbal): yaw
+    ``altitude_m`` is above sea level, as EXIF has it. Angles are the camera's (the gimbal's): yaw
     clockwise from true north, pitch up, roll with the right side down. ``captured_at`` always has a time
     zone; without one in the metadata UTC is assumed. ``doubtful``: the metadata has a position, but an
     implausible one.

@@ -79,7 +79,7 @@ class FreeLegs:
         return _blocked(self._points[place], self._space)
 
     def _join(self, pairs: Indices) -> None:
-        """Add those of ``pairs`` [N, 2], the lower index first, between which a straight leg can be flown."""
+        """Add the ``pairs`` [N, 2], the lower index first, between which a straight leg can be flown."""
         from scipy.sparse import csr_array  # slow to import
 
         points = self._points

@@ -160,8 +160,8 @@ class Scene:
     ) -> SceneUpdate:
         """Visit the images ``names``, which registers them.
 
-        Images ``removed`` are first taken out, as if they had never been visited; those that are in
-        ``names``, too, are added again.
+        Images ``removed`` are first taken out, as if they had never been visited; images that are
+        also in ``names`` are added again.
 
         ``priors``: pose priors for a dataset without poses, those of earlier images included; by default the
         GPS positions in their EXIF. Poses that contradict them are rejected. Visited names are

@@ -78,7 +78,7 @@ def _take_over(formatter: logging.Formatter) -> None:
 
 
 class _StderrHandler(logging.Handler):
-    """Writes to the current stderr: that of the start may be closed."""
+    """Writes to the stderr of the moment: the one at the start may be closed."""
 
     def emit(self, record: logging.LogRecord) -> None:
         """Write one line."""
@@ -100,5 +100,5 @@ def _log_uncaught_in_thread(arguments: Any) -> None:
 
 
 def _to_stderr(*_: object) -> structlog.PrintLogger:
-    """A logger to the current stderr: that of the start may be closed."""
+    """A logger to the stderr of the moment: the one at the start may be closed."""
     return structlog.PrintLogger(sys.stderr)

@@ -90,7 +90,7 @@ class PoseReview:
         return changed
 
     def _accept(self, image: pycolmap.Image, pose: RigidTransform, pairs: Sequence[VerifiedPair]) -> bool:
-        """Give an image another ``pose``, unless it explains clearly less or is contradicted alone."""
+        """Give an image the new ``pose``, unless that explains clearly less, or only it is contradicted."""
         model, image_id = self.model, image.image_id
         frame, present = model.frame(image.frame_id), rigid_from_pycolmap(image.cam_from_world())
         explained, contradicted = _explained(model, pairs), self.contradicts(image_id)

@@ -58,7 +58,7 @@ class Case:
         return residual is not None and residual > self.settings.max_prior_disagreement
 
     def unconfirmed(self, names: Sequence[str]) -> list[str]:
-        """Those of the images ``names`` that position priors do not confirm: those of others say nothing."""
+        """The images among ``names`` that no position prior confirms."""
         confirm, without = self.priors_confirm, self.evidence.images_without_prior
         return [name for name in names if not confirm or name in without]
 

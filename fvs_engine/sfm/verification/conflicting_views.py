@@ -82,7 +82,7 @@ class _View:
         )
 
     def lacks(self, other: "_View") -> bool:
-        """Whether this image shows nothing of the other one in many cells where it should."""
+        """Whether many cells of this image show nothing of the other image although they should."""
         local = self.camera_from_model.apply(other.xyz)
         to_own, to_other = self.centre - other.xyz, other.centre - other.xyz
         own, others = np.linalg.norm(to_own, axis=1), np.linalg.norm(to_other, axis=1)

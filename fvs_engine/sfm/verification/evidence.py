@@ -85,7 +85,7 @@ class ModelEvidence:
 
 
 def unlikely_focal_lengths(model: pycolmap.Reconstruction, priors: Mapping[int, float]) -> tuple[float, ...]:
-    """The unlikely ones of the focal lengths in px, sorted; ``priors`` are those in px by camera id.
+    """The focal lengths in px that are unlikely, sorted; ``priors`` are focal lengths in px by camera id.
 
     They are refined with the model, and some scenes do not determine them: a wall seen head-on, a few images
     that hardly overlap. Every match still fits such a model, whose depths are wrong.

@@ -28,7 +28,7 @@ class JudgedModel:
     evidence: Evidence | None
 
     def case(self, settings: GateSettings) -> Case:
-        """What the checks see of it; it must have evidence."""
+        """The case that the checks judge; the model must have evidence."""
         assert self.evidence is not None
         return Case(self.evidence, len(self.centres), settings)
 

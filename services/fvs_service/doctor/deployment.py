@@ -112,7 +112,7 @@ def _rights(blobs: Blobs) -> Iterator[Trouble]:
 
 
 def _of_access(storage: Storage) -> Iterator[Trouble]:
-    """Access without keys from other machines, and keys that let nobody in."""
+    """Findings about access without keys from other machines, and about keys that cannot be used."""
     hosts = storage.settings.remote_hosts
     try:
         access_of(storage)

@@ -94,7 +94,7 @@ class Reception:
             return await self._stored()
 
     def _known_or_continued(self, offset: int) -> Image | None:
-        """The image if the scene has it; else raises ``OffsetMismatchError`` if it must begin elsewhere."""
+        """The image, if the scene has it; raises ``OffsetMismatchError`` for another offset than the next."""
         known = self._known()
         if known is not None:
             self._app.uploads.discard_bytes(self._upload)
@@ -140,7 +140,7 @@ class Reception:
             return writer.offset
 
     async def _stored_or_known(self) -> None:
-        """Store the image of an upload whose bytes have all arrived, unless the scene has it."""
+        """Store the image of a complete upload, unless the scene has the image already."""
         if await run_sync(self._known_or_continued, 0) is None:
             await self._stored()
 
@@ -172,6 +172,6 @@ class Reception:
         return self._app.uploads.arrived_bytes(self._upload)
 
     def _known(self) -> Image | None:
-        """The image, if the scene has it; raises the errors of an upload that it does not accept."""
+        """The scene's image with the upload's digest, if any; raises the errors of a refused upload."""
         upload = self._upload
         return self._app.images.known(self._caller, upload.scene_id, upload.digest, upload.metadata)

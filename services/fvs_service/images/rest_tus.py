@@ -153,7 +153,7 @@ def declared_checksum(headers: Headers) -> Checksum | None:
 
 
 def declared_metadata(headers: Headers) -> UploadMetadata:
-    """The metadata of a new upload; ``filename`` is the image's name without folders unless it has one.
+    """The metadata of a new upload; its ``filename``, without folders, names an image that has no name.
 
     Raises ``MalformedRequestError``, and ``InvalidRequestError`` for values that no image can have.
     """

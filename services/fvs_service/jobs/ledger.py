@@ -65,7 +65,7 @@ class Ledger:
                 publish(session, lease.scene_id, EventKind.JOB_PROGRESS, data, subject=job_id)
 
     def warn(self, lease: Lease, job_id: str, warning: Notice) -> None:
-        """Add a warning, unless the job has it."""
+        """Add a warning, unless it was added before."""
         with self._database.writing() as session:
             require_lease(session, lease)
             add_warning(session, job_id, warning)
@@ -121,7 +121,7 @@ def record_milestone(session: Session, job_id: str, name: str, document: Mapping
 
 
 def add_warning(session: Session, job_id: str, warning: Notice) -> None:
-    """Add a warning to a running job, unless it has it."""
+    """Add a warning to a running job, unless it was added before."""
     warnings = repository.find_job(session, job_id).warnings
     if warning not in warnings:
         documents = [known.model_dump(mode="json") for known in (*warnings, warning)]

@@ -139,7 +139,7 @@ class Jobs:
 
 
 def _require_settings_of(first: Job | None, request: JobRequest) -> None:
-    """Raise ``ConflictError`` unless an update wants no settings of its own, or those of the first one."""
+    """Raise ``ConflictError`` when an update has other settings than the scene's first update."""
     for name in ("iterations", "long_side_px"):
         wanted = getattr(request, name)
         if first is None or wanted is None or wanted == getattr(first.request, name):

@@ -81,9 +81,9 @@ def _per_training_pixel(size: JobSize) -> float:
 class StageOfJob:
     """What a stage means for a job.
 
-    ``update``, ``fine`` and ``first_model`` are where it begins and ends as shares of a job of each kind, and
-    of the first model; one that is not part of it does not count. ``work``: what its time is proportional to.
-    ``trains``: it resumes where it was stopped, so that a job loses nothing there; others start again.
+    ``update``, ``fine`` and ``first_model``: the shares of a job of each kind, or of the first model, where
+    the stage begins and ends. ``work``: what its time is proportional to. ``trains``: it resumes where it was
+    stopped, so that a job loses nothing there; other stages start again.
     """
 
     update: tuple[float, float] = (0.0, 0.0)

@@ -40,7 +40,7 @@ def adopt_orphans() -> None:
 
 
 def reap_adopted(own: Collection[int]) -> None:
-    """Reap ended children whose ids are not in ``own``: nobody else waits for them."""
+    """Reap ended children that were adopted: their ids are not in ``own``."""
     with contextlib.suppress(ChildProcessError):  # there are no children
         while ended := os.waitid(os.P_ALL, 0, os.WEXITED | os.WNOHANG | os.WNOWAIT):
             if ended.si_pid in own:

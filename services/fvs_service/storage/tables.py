@@ -53,7 +53,7 @@ class Recorded:
 
     @classmethod
     def in_order(cls) -> "sqlalchemy.Tuple":
-        """What can be compared with that of another row."""
+        """A value that orders rows."""
         return sqlalchemy.tuple_(cls.recorded_at_ms, cls.id)
 
     @classmethod
@@ -239,7 +239,7 @@ class JobRow(Recorded, Table):
 
 
 class JobMilestoneRow(Table):
-    """What a job has done once and need not do again, with what it needs to know of it."""
+    """A step that a job has finished and does not repeat, with the data that later steps need."""
 
     __tablename__ = "job_milestones"
 

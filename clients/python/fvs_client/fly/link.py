@@ -99,7 +99,7 @@ class Link:
             return found
 
     def listen_to(self, heartbeat: Any) -> None:
-        """Ignore all vehicles but that of this heartbeat from now on."""
+        """Listen to the vehicle that sent this heartbeat only."""
         with self.changed:
             self._target = (heartbeat.get_srcSystem(), heartbeat.get_srcComponent())
 
@@ -135,7 +135,7 @@ class Link:
             getattr(self._link.mav, name)(*values)
 
     def forget_answers(self) -> None:
-        """Drop answers that nobody waits for."""
+        """Drop the answers that have not been read."""
         with self.changed:
             self._answers.clear()
 

@@ -35,7 +35,7 @@ class Pieces:
         return min(self._size, left_bytes)
 
     def sent(self, size_bytes: int) -> None:
-        """So many bytes of it have left."""
+        """Record that this many bytes of the piece were sent."""
         self._sent += size_bytes
 
     def stopped(self) -> None:
@@ -43,7 +43,7 @@ class Pieces:
         self._begun = None
 
     def arrived(self, number: int, offset_bytes: int) -> None:
-        """The service has so many bytes of a photograph: learn from the piece that was sent of it."""
+        """``offset_bytes`` of a photograph have arrived: adapt the size of the next piece to the last one."""
         begun, self._begun = self._begun, None
         if begun is None or begun[0] != number or self._sent == 0:
             return

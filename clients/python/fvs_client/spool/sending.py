@@ -35,7 +35,7 @@ class Sender:
         self._outbox, self._connection, self._carrier = outbox, connection, carrier
 
     def send(self, photograph: Photograph) -> Refusal | None:
-        """Send a photograph; the outbox then has it as sent, or as refused for the reason that is returned.
+        """Send a photograph, and record in the outbox that it is sent, or refused; returns the reason.
 
         Raises ``LinkError``: try again; ``PutOffError``: send the next one first.
         """
@@ -71,7 +71,7 @@ class Sender:
         return None
 
     def _sent(self, photograph: Photograph) -> Acknowledgement:
-        """Bring the bytes to the service, unless it has them, and get its acknowledgement."""
+        """Send the bytes that the service does not have yet, and get its acknowledgement."""
         if self._outbox.was_sent(photograph.scene, photograph.digest):  # the same bytes under another name
             found = self._acknowledgement(photograph)
             if found is not None:

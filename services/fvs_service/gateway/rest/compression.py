@@ -61,7 +61,7 @@ def _may_compress(headers: Headers) -> bool:
 
 
 async def _compressed(start: Message, body: Message) -> Message:
-    """The whole body of a response, compressed where that pays; ``start`` gets the headers of it."""
+    """The whole body of a response, compressed where that pays; ``start`` gets its headers."""
     headers = MutableHeaders(scope=start)
     headers.add_vary_header("Accept-Encoding")
     content = body.get("body", b"")

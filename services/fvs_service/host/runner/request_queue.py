@@ -71,7 +71,7 @@ class Requester:
 
 
 class RequesterGoneError(Exception):
-    """The connection of the request has ended: nobody receives the answer."""
+    """The connection of the request has ended, so that the answer cannot be delivered."""
 
 
 class _Computation:

@@ -106,7 +106,7 @@ class JobProgress:
 
     @property
     def _usual_in_stage_s(self) -> float:
-        """The usual time of the stage from no share to all of it."""
+        """The usual time of the whole stage."""
         return self._expected.get(self._stage, 0.0)
 
     def now(self) -> float | None:
@@ -168,7 +168,7 @@ class JobProgress:
         return sum(self._expected.get(stage, 0.0) for stage in _ORDER[reached + 1 :])
 
     def _smoothed(self, left_s: float) -> float:
-        """The remaining time, following the estimate within a tenth of it."""
+        """The remaining time, smoothed; it stays within a tenth of the estimate."""
         now = self._seen
         if self._end is None:
             self._end = now + left_s

@@ -23,7 +23,7 @@ class _Count(Record):
 
 
 class Starts:
-    """The starts of one attempt, in a file; each counts unless it is excused.
+    """The starts of one attempt, in a file; a start counts unless it is excused.
 
     When the file cannot be written nothing is counted: on a full disk no attempt starts.
     """

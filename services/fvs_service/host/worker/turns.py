@@ -44,7 +44,7 @@ class Turns:
         self._attempts = Attempts(storage, scenes, room)
 
     def run(self, turn: Turn) -> WaitReason | None:
-        """Run a turn to its end, or that of the attempt; returns the resource that the job lacks, if any."""
+        """Run a turn until it or the attempt ends; returns the resource that the job lacks, if any."""
         with structlog.contextvars.bound_contextvars(
             worker=self._worker_id, scene=turn.scene_id, job=turn.job_id
         ):
