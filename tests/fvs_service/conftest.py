@@ -3,6 +3,7 @@
 With FVS_TEST_DATABASE=postgresql every gateway has a database of its own on a PostgreSQL server.
 """
 
+import asyncio
 import contextlib
 import io
 import logging
@@ -27,7 +28,7 @@ from fvs_service.logs import configure_logging
 from fvs_service.rankings.port import SceneRunners
 from fvs_service.serving.rest_app import create_app
 from fvs_service.settings import Settings
-from gateways import Gateway, Overrides, running_gateway, settings_for
+from gateways import Gateway, Overrides, migrate, running_gateway, settings_for
 from lasting_inspectors import share_inspectors
 from PIL import Image
 from postgresql_server import PostgresqlServer, programs
@@ -101,6 +102,14 @@ def open_gateway(tmp_path: Path) -> Iterator[Callable[..., Gateway]]:
         )
 
 
+class _Server(uvicorn.Server):
+    """Looks a hundred times a second, and not ten times, whether it is to end."""
+
+    async def main_loop(self) -> None:
+        while not await self.on_tick(0):
+            await asyncio.sleep(0.01)
+
+
 @pytest.fixture
 def serve(tmp_path: Path) -> Iterator[Callable[..., Gateway]]:
     """Start a gateway on a free port of loopback, for what needs a real connection."""
@@ -108,10 +117,11 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., Gateway]]:
 
     def start(runners: Callable[[Storage], SceneRunners] = ComputingRunners, **overrides: Any) -> Gateway:
         settings = settings_for(tmp_path / "service", overrides)
+        migrate(settings)
         app = create_app(settings, runners)
         protocol = http_protocol(settings.upload_idle_s, read_within_s=settings.read_within_s)
         config = uvicorn.Config(app, port=0, log_level="error", timeout_graceful_shutdown=1, http=protocol)
-        server = uvicorn.Server(config)
+        server = _Server(config)
         thread = threading.Thread(target=server.run)
         thread.start()
         while not server.started:
