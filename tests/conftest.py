@@ -72,11 +72,16 @@ _PROCESS_FILES = (
     "fvs_service/host/test_protocol.py",
     "fvs_service/host/test_queue.py",
 )
-# Tests that train models, select views or solve whole problems, in this process.
+# Tests that train models, render pictures, plan flights or run threads, in this process.
 _INTEGRATION_FILES = (
     "contract/test_worst_messages.py",
+    "fvs_engine/cli/test_simulate.py",
     "fvs_engine/geometry/alignment/test_world.py",
     "fvs_engine/lab/evaluate/",
+    "fvs_engine/lab/simulate/",
+    "fvs_engine/plan/test_flight.py",
+    "fvs_engine/plan/test_generate.py",
+    "fvs_engine/plan/test_volumes.py",
     "fvs_engine/scene/",
     "fvs_engine/score/estimate/test_estimate.py",
     "fvs_engine/score/test_median_frequency_fast.py",
@@ -84,7 +89,12 @@ _INTEGRATION_FILES = (
     "fvs_engine/sfm/native/test_pose_review.py",
     "fvs_engine/sfm/native/test_pose_uncertainty.py",
     "fvs_engine/sfm/verification/test_scale.py",
+    "fvs_engine/splat/raster/test_agreement.py",
+    "fvs_engine/splat/raster/test_cuda.py",
     "fvs_engine/splat/test_trainer.py",
+    "fvs_service/cli/test_operator_commands.py",
+    "fvs_service/host/test_request_queue.py",
+    "fvs_service/host/test_work.py",
 )
 _KINDS = ("unit", "integration", "process", "real")
 # Tests that share a session's expensive fixtures run in one worker: beginning of a file's path → their group.
