@@ -2,7 +2,7 @@
 # make demo       the service and its client, from photographs to ranked next views: make demo IMAGES=path/to/photographs
 #                 (without any: kermit in FVS_DATA, else a simulated courtyard)
 # make demo-flight  a simulated copter photographs a courtyard on its own, from view to view
-# make test       all checks and the quick tests of everything: make test WORKERS=6 for more than three processes at once
+# make test       all checks and the quick tests of everything: make test WORKERS=6 for more than four processes at once
 # make unit       the tests that start no process and read no photograph
 # make test-system  whole flights, services, clients and experiments, from end to end; CI runs them after `make test`
 # make test-slow  the long checks, most of them on real photographs, and the tests in one process with more examples
@@ -22,8 +22,8 @@ GENERATORS := $(VENV)/generators/.installed
 FVS_DATA ?= ../shared/data
 IMAGES ?= $(wildcard $(FVS_DATA)/kermit)
 OUT ?= out/demo
-# One more than the two cores: a third of the time the tests wait, for processes and deadlines.
-WORKERS ?= 3
+# Two more than the two cores: the tests often wait, for processes and deadlines.
+WORKERS ?= 4
 
 # Python keeps what it compiled even where the environment forbids it: the tests start many processes.
 export PYTHONDONTWRITEBYTECODE :=

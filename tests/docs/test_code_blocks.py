@@ -112,7 +112,14 @@ def test_the_blocks_of_tutorials_run_against_a_real_service(
 
 
 @pytest.mark.timeout(900)  # a tutorial starts many programs, on whatever machine
-@pytest.mark.parametrize("page", [page for page in PAGES if _runs(page)], ids=_id)
+@pytest.mark.parametrize(
+    "page",
+    [
+        pytest.param(page, id=_id(page), marks=pytest.mark.system if page.parent.name == "tutorials" else ())
+        for page in PAGES
+        if _runs(page)
+    ],
+)
 def test_the_blocks_run(
     page: Path, played_service: str, programs: Path, photographs: Path, tmp_path: Path
 ) -> None:
