@@ -6,6 +6,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import pytest
 from typer.testing import Result
 
 from fvs_schema.scenes import Alignment, AlignmentStatus
@@ -20,6 +21,7 @@ def _said(result: Result) -> str:
     )
 
 
+@pytest.mark.system
 def test_rankings_and_plans_become_missions(run: Run, gateway: Any, tmp_path: Path) -> None:
     origin = {"latitude_deg": 46.02, "longitude_deg": 7.75, "altitude_m": 500.0}
     scene = gateway.scene(world={"kind": "enu", "origin": origin})

@@ -98,6 +98,7 @@ def test_a_service_that_is_not_trusted_is_not_called(secure: Any, connect: Conne
     assert "SSL_CERT_FILE" in refused.value.hint
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("own", [None, "stranger"])
 def test_only_certificates_of_the_authority_are_let_in(
     secure: Any, connect: Connect, own: str | None

@@ -115,6 +115,7 @@ def test_a_break_loses_what_is_in_buffers_and_not_what_has_arrived(
     assert lost < 35_000
 
 
+@pytest.mark.system
 def test_a_good_link_carries_each_byte_once(folder: Path, url: str, client: Client) -> None:
     scene = client.scenes.create("quarry").id
     size = sum(file.stat().st_size for file in folder.glob("*.JPG"))

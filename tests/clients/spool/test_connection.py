@@ -83,6 +83,7 @@ def known(tmp_path_factory: pytest.TempPathFactory) -> dict[str, Path]:
     return certificates.made_for_tests(tmp_path_factory.mktemp("certificates"))
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("secure", [False, True])
 def test_a_refusal_that_comes_early_stops_the_body(
     peer: Callable[..., Peer], known: dict[str, Path], monkeypatch: pytest.MonkeyPatch, secure: bool

@@ -71,6 +71,7 @@ def test_people_see_the_last_count_and_nothing_is_run_again(
     assert {path: path.stat().st_mtime_ns for path in out.glob("runs/**/*.json")} == before
 
 
+@pytest.mark.system
 def test_travel_is_a_budget(fvs: Fvs, room_dir: Path, tmp_path: Path) -> None:
     options = (*OPTIONS[:8], "--preset", "travel", "--methods", "farthest,kriging", "--seeds", 0)
     options = (*options, "--views", 7, "--max-travel", 3, "--vehicles", 2)

@@ -66,6 +66,7 @@ def test_views_are_chosen_and_everything_is_written(clean_run: tuple[Path, Any])
     assert len(read_ply(out / "point_cloud.ply")) == document["gaussians"]
 
 
+@pytest.mark.system
 def test_people_see_a_table_and_why_it_ended(fvs: Fvs, room_dir: Path, clean_run: tuple[Path, Any]) -> None:
     """The same command on a finished folder only says so again."""
     out, first = clean_run
@@ -79,6 +80,7 @@ def test_people_see_a_table_and_why_it_ended(fvs: Fvs, room_dir: Path, clean_run
     assert (out / "scene" / "full.safetensors").read_bytes() == before
 
 
+@pytest.mark.system
 def test_two_vehicles_fly_as_far_as_they_may(fvs: Fvs, room_dir: Path, tmp_path: Path) -> None:
     options = (*QUICK, "--initial", 4, "--budget", 14, "--nearest", 99, "--max-travel", 3, "--vehicles", 2)
     options = (*options, "--method", "farthest")

@@ -20,6 +20,7 @@ def test_it_leaves_photographs_and_the_truth(tmp_path: Path) -> None:
     assert (truth["w"], truth["h"], len(truth["frames"])) == (96, 64, 2)
 
 
+@pytest.mark.system
 def test_a_survey_looks_down_from_thirty_metres(tmp_path: Path) -> None:
     options = ["simulate", str(tmp_path / "site"), "--survey", "--images", "2", "--size", "48x32"]
     result = CliRunner().invoke(app, options)

@@ -95,6 +95,7 @@ def check_given_cameras_get_points(
     assert min(seen) > 0.99
 
 
+@pytest.mark.system
 def test_cameras_of_a_transforms_json_get_points(
     workspace: Workspace, given: tuple[AnyView, ...], tmp_path: Path
 ):

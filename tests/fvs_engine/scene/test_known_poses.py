@@ -81,6 +81,7 @@ def test_poses_of_other_photographs_are_refused(tmp_path: Path, yard: Dataset) -
         source.update(VISITED, (), Monitor())
 
 
+@pytest.mark.system
 def test_photographs_without_texture_are_named(tmp_path: Path, yard: Dataset) -> None:
     bare = shutil.copytree(yard.image_dir, tmp_path / "bare")
     for name in VISITED:

@@ -86,6 +86,7 @@ def test_it_hangs_on_the_views_of_both_models_alone(opened: Callable[..., Scene]
         assert torch.equal(tensor, found.gaussians.tensors()[name]), name
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("stop", ["in the quick model", "after it", "in the full model"])
 def test_a_killed_warm_start_comes_to_the_same_end(opened: Callable[..., Scene], stop: str) -> None:
     def stopping_at(iteration: int) -> Monitor:

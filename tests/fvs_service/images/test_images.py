@@ -172,6 +172,7 @@ def test_a_photograph_cut_off_or_too_small_is_not_used(gateway: Any, photograph:
     assert gateway.put(scene, photograph(size=(40, 20))).json()["verdict"] == "too-small"
 
 
+@pytest.mark.system
 def test_a_decoder_that_takes_too_much_ends_alone(open_gateway: Any, photograph: Photograph) -> None:
     """A child with no memory for 200 megapixels: the image is refused, and the next one is judged as ever."""
     gateway = open_gateway(

@@ -39,6 +39,7 @@ def _arenas(*arguments: str) -> int:
     return subprocess.run(run, capture_output=True, text=True, check=True).stdout.count("<heap nr=")
 
 
+@pytest.mark.system
 def test_threads_share_two_arenas() -> None:
     assert _arenas() > 4
     assert _arenas("limited") == 2

@@ -226,6 +226,7 @@ def test_info_for_people(fvs: Fvs, first_run: tuple[Path, Any]) -> None:
         assert fragment in run.stdout
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("options", [(), ("--json",)])
 def test_a_reader_that_left_ends_the_program_quietly(
     fvs_command: FvsCommand, first_run: tuple[Path, Any], options: tuple[str, ...]

@@ -147,6 +147,7 @@ def test_a_plan_says_which_vehicle_cannot_fly(fvs: Fvs, first_run: tuple[Path, A
     assert "The start of the vehicle is in a no-fly zone" in alone.stderr
 
 
+@pytest.mark.system
 def test_plans_keep_names_of_any_characters(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> None:
     out, _ = first_run
     names = ["view one, 50%", "a b.jpg", "[red]x[/red]", "%20", "é/ü\\n"]

@@ -140,6 +140,7 @@ def stop_after(count: int, *, killed: bool) -> Monitor:
     return monitor
 
 
+@pytest.mark.system
 @pytest.mark.usefixtures("with_pictures")
 def test_runs_of_one_seed_differ_by_the_selector_alone(
     ring: Dataset, quick: Protocol, cpu: Rasterizer, tmp_path: Path
@@ -222,6 +223,7 @@ def test_a_stopped_experiment_goes_on_and_repeats_no_finished_run(
     assert executed == []
 
 
+@pytest.mark.system
 def test_runs_that_had_too_little_time_go_on_with_more(
     ring: Dataset, quick: Protocol, cpu: Rasterizer, whole: Summary, tmp_path: Path
 ) -> None:

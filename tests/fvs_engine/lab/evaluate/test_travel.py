@@ -137,6 +137,7 @@ class Killed(BaseException):
     """Stands for a kill: nothing in the engine catches it."""
 
 
+@pytest.mark.system
 @pytest.mark.parametrize("number", [1, 3, 6])
 def test_a_run_that_is_killed_while_it_is_measured_goes_on(
     whole: SimpleNamespace,
@@ -163,6 +164,7 @@ def test_a_run_that_is_killed_while_it_is_measured_goes_on(
     assert decided(execute(tmp_path, ring, protocol, cpu)) == decided(whole.summary)
 
 
+@pytest.mark.system
 def test_vehicles_have_the_travel_each_and_are_reported_one_by_one(
     whole: SimpleNamespace, ring: Dataset, protocol: Protocol, cpu: Rasterizer, tmp_path: Path
 ) -> None:

@@ -55,6 +55,7 @@ def test_an_image_that_its_position_contradicts_is_doubtful_once_priors_can_judg
     assert doubt.images == (kermit_names[3],)
 
 
+@pytest.mark.system
 def test_that_the_receiver_froze_is_said_once(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
 ) -> None:

@@ -3,6 +3,7 @@ from pathlib import Path
 
 import numpy as np
 import pycolmap
+import pytest
 from scipy.spatial.transform import Rotation
 
 from fvs_engine.geometry import SimilarityTransform
@@ -123,6 +124,7 @@ def test_more_images_are_no_argument_for_a_model_that_contradicts_the_current_on
     assert not outcome.changed
 
 
+@pytest.mark.system
 def test_a_doubtful_model_of_all_images_does_not_replace_an_accepted_one_that_it_contradicts(
     kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
 ):

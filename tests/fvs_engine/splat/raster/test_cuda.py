@@ -39,6 +39,7 @@ def _counted(rendering):
     return statistics
 
 
+@pytest.mark.system
 def test_all_that_training_reads_is_as_in_the_reference(gsplat_in_torch, scene):
     expected, expected_gradients = _rendered(ReferenceRasterizer(), scene)
     actual, gradients = _rendered(gsplat_in_torch, scene)
