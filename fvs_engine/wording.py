@@ -350,7 +350,8 @@ def _fields(finding: Finding) -> dict[str, object]:
         if status in finding.numbers
     ]
     pairs = [f"{first} and {second}" for first, second in zip(images[::2], images[1::2], strict=False)]
-    where, remedy = BLOCKED.get(CandidateStatus(finding.texts.get("status", "ranked")), ("", ""))
+    status = finding.texts.get("status")
+    where, remedy = BLOCKED[CandidateStatus(status)] if status else ("", "")
     return {
         "where": where,
         "remedy": remedy,

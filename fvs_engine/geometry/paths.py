@@ -14,9 +14,9 @@ _NEIGHBOURS = 2
 def halfway_between_neighbours(
     model_from_cameras: Sequence[RigidTransform],
 ) -> dict[tuple[int, int], RigidTransform]:
-    """A camera halfway between every camera and the two nearest to it, by the pair's sorted indices.
+    """Cameras halfway between each camera and its two nearest neighbours, by the pair's sorted indices.
 
-    Its position is the middle of theirs, its rotation is halfway along the shorter arc.
+    A position is the middle of the pair's positions, a rotation is halfway along the shorter arc.
     """
     from scipy.spatial import KDTree  # slow to import
 

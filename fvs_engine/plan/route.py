@@ -39,7 +39,7 @@ class Legs(Protocol):
         ...
 
     def blocked(self, place: int) -> CandidateStatus | None:
-        """What blocks all ways from a place, a zone or matter; None where it is free."""
+        """Why no way leads from a place: it is in a no-fly zone, or too close to matter; else None."""
         ...
 
 

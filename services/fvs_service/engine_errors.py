@@ -1,4 +1,4 @@
-"""What the engine and libraries say, for clients: errors of the service, without folders of this machine."""
+"""Messages of the engine and of libraries, for clients: without the folders of this machine."""
 
 import os
 import sys

@@ -381,7 +381,7 @@ class IncompatibleDatabaseError(
     retryable=False,
     usual_hint="Run a version of fvs that fits the database.",
 ):
-    """The database has the schema of another version of the service."""
+    """The schema of the database belongs to another version of the service."""
 
 
 class DeadlineError(

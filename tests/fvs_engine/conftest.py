@@ -21,6 +21,15 @@ from fvs_engine.sfm.pose_priors import ImageSet
 from fvs_engine.sfm.settings import SfmSettings
 
 
+@pytest.fixture(scope="module")
+def coarse_pictures() -> Iterator[None]:
+    """Draw plots and trajectories with few pixels, which is quicker."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("fvs_engine.lab.evaluate.plots._DPI", 50)
+        patch.setattr("fvs_engine.select.trajectory._DPI", 50)
+        yield
+
+
 @pytest.fixture(scope="session")
 def kermit_names(kermit_dir: Path) -> list[str]:
     return sorted(path.name for path in kermit_dir.iterdir())

@@ -138,9 +138,9 @@ class CandidatesRequest(Input):
     """Base of requests with candidates: `candidates`, or those of a `generator`; by default an orbit."""
 
     candidates: Candidates | None = None
-    """Poses of your own; not with a `generator`."""
+    """The poses to consider; either these or a `generator`."""
     generator: Generator | None = None
-    """A rule that makes the candidates; not with `candidates`."""
+    """A rule that makes the candidates; either this or `candidates`."""
 
     @model_validator(mode="after")
     def _one_source(self) -> Self:

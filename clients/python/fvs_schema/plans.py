@@ -63,7 +63,7 @@ class PlanRequest(CandidatesRequest):
     )
 
     generator: PlanGenerator | None = None
-    """A rule that makes the candidates; not with `candidates`."""
+    """A rule that makes the candidates; either this or `candidates`."""
     targets: Candidates | None = None
     """Poses that the model must serve well; by default those of the registered images and the candidates."""
     views: Annotated[int, Field(strict=True, ge=1, le=100), WHOLE] = 10

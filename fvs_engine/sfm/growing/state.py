@@ -52,7 +52,7 @@ class GrowthState(Record):
     """The same for matches that their pose priors guide; the image tried last is the last."""
 
     priors_ignored: tuple[Finding, ...] = ()
-    """The last update's warnings about unused pose priors; the next one does not repeat them."""
+    """Warnings of the last update about unused pose priors, which the next one does not repeat."""
 
     unreported: tuple[Finding, ...] = ()
     """Warnings that the caller has not acknowledged: it may have been killed before it got them."""

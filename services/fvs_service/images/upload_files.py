@@ -31,7 +31,7 @@ class Hash(Protocol):
 
 
 class Room:
-    """The free disk space of a ``folder``, of which open uploads keep what they may still need."""
+    """The free disk space of a ``folder``, less what open uploads have reserved."""
 
     def __init__(self, folder: Path, reserve_bytes: int) -> None:
         self._folder, self._reserve_bytes = folder, reserve_bytes

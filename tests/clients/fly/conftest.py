@@ -114,7 +114,7 @@ class Relay:
 
 @pytest.fixture(autouse=True)
 def _quick_vehicles(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Wait less for what does not come: the simulated vehicle says everything ten times a second."""
+    """Shorten timeouts: the simulated vehicle sends every message ten times a second."""
     monkeypatch.setattr("fvs_client.fly.link._OTHERS_S", 0.4)
     monkeypatch.setattr("fvs_client.fly.vehicle._EQUIPMENT_S", 0.4)
     monkeypatch.setattr("fvs_client.fly.checks._BATTERY_S", 0.5)

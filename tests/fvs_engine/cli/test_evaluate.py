@@ -2,7 +2,7 @@
 
 import json
 import signal
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, get_args
 
@@ -11,8 +11,9 @@ from PIL import Image
 
 from fvs_engine.choices import ProtocolName
 from fvs_engine.cli.exit_codes import EXIT_CODES, INTERRUPTED, USAGE
-from fvs_engine.lab.evaluate import plots
 from fvs_engine.lab.evaluate.protocol import PRESETS
+
+pytestmark = pytest.mark.usefixtures("coarse_pictures")
 
 Fvs = Callable[..., Any]
 FvsUntil = Callable[..., tuple[int, str]]
@@ -24,14 +25,6 @@ OPTIONS = (
 
 def test_the_program_offers_the_presets() -> None:
     assert get_args(ProtocolName) == tuple(PRESETS)
-
-
-@pytest.fixture(scope="module", autouse=True)
-def coarse_plots() -> Iterator[None]:
-    """Draw with few pixels, which is quicker."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(plots, "_DPI", 40)
-        yield
 
 
 @pytest.fixture(scope="module")

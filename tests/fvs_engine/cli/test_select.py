@@ -6,7 +6,7 @@ import shutil
 import signal
 import subprocess
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from pathlib import Path
 from typing import Any, get_args
 
@@ -16,9 +16,10 @@ from PIL import Image
 
 from fvs_engine.cli.exit_codes import EXIT_CODES, INTERRUPTED, USAGE
 from fvs_engine.lab.baselines import SELECTORS
-from fvs_engine.select import trajectory
 from fvs_engine.splat.ply import read_ply
 from fvs_schema.words import Method
+
+pytestmark = pytest.mark.usefixtures("coarse_pictures")
 
 Fvs = Callable[..., Any]
 FvsCommand = Callable[..., list[str]]
@@ -29,14 +30,6 @@ OPTIONS = (*QUICK, "--initial", 4, "--budget", 8, "--nearest", 6)
 
 def names_of(document: dict[str, Any]) -> list[str]:
     return [view["name"] for view in document["views"]]
-
-
-@pytest.fixture(scope="module", autouse=True)
-def coarse_picture() -> Iterator[None]:
-    """Draw with few pixels, which is quicker."""
-    with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(trajectory, "_DPI", 40)
-        yield
 
 
 @pytest.fixture(scope="module")

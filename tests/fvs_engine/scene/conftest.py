@@ -60,7 +60,7 @@ def ball(tmp_path_factory: pytest.TempPathFactory, cpu: Rasterizer) -> Dataset:
 
 @pytest.fixture(scope="session")
 def quick_settings() -> Callable[..., SceneSettings]:
-    """Builds settings of known poses with 20 iterations and 4 more per view; keywords change them."""
+    """A factory of settings with known poses, 20 iterations and 4 more per view; keywords override them."""
 
     def build(**changes: object) -> SceneSettings:
         densification = SCENE_TRAINING.densification.model_copy(update={"first_iteration": 5, "interval": 10})

@@ -99,7 +99,7 @@ def test_only_what_visited_views_saw_becomes_a_gaussian(
 
 
 def add_and_train(scene: Scene) -> SceneModel:
-    """Add images three times; the last quick model."""
+    """Add images and train three times; return the last quick model."""
     for names in (FIRST, ("8.png",), ("1.png", "3.png")):
         scene.add(names, Monitor())
         quick = scene.train("quick", Monitor())
@@ -111,7 +111,7 @@ def add_and_train(scene: Scene) -> SceneModel:
 def uninterrupted(
     tmp_path_factory: pytest.TempPathFactory, ball: Dataset, quick_settings: Settings, cpu: Rasterizer
 ) -> tuple[Scene, SceneModel]:
-    """A scene that nobody killed, and its quick model. Not to be changed."""
+    """A scene that was never interrupted, and its quick model. Read-only."""
     folder = tmp_path_factory.mktemp("uninterrupted") / "scene"
     scene = Scene.open(folder, ball, quick_settings(), cpu, Monitor())
     return scene, add_and_train(scene)

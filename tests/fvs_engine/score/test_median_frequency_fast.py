@@ -52,7 +52,7 @@ def scene() -> tuple[Gaussians, list[PinholeView]]:
 
 @pytest.fixture(scope="module")
 def exactly(scene: tuple[Gaussians, list[PinholeView]], cpu: Rasterizer) -> tuple[CandidateScore, ...]:
-    """The scores of all views, each rendered."""
+    """The scores of all views, computed from their renders."""
     gaussians, views = scene
     return tuple(MedianFrequency().score(gaussians, views, cpu))
 

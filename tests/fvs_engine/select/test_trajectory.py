@@ -9,15 +9,10 @@ from scipy.spatial.transform import Rotation
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform, look_at
 from fvs_engine.scene.dataset import Dataset
-from fvs_engine.select import trajectory
 from fvs_engine.select.trajectory import draw_trajectory, top_view
 from fvs_engine.views import View
 
-
-@pytest.fixture(autouse=True)
-def coarse(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Draw with few pixels, which is quicker."""
-    monkeypatch.setattr(trajectory, "_DPI", 40)
+pytestmark = pytest.mark.usefixtures("coarse_pictures")
 
 
 CAMERA = PinholeCamera(40, 30, 30.0, 30.0, 20.0, 15.0)
@@ -89,7 +84,7 @@ def test_every_vehicle_has_its_own_path(tmp_path: Path, monkeypatch: pytest.Monk
         drawn.append(np.array(legs))
         return LineCollection(legs, **options)
 
-    monkeypatch.setattr(trajectory, "LineCollection", kept)
+    monkeypatch.setattr("fvs_engine.select.trajectory.LineCollection", kept)
     for vehicles in ((1, 2, 1, 2), None):
         draw_trajectory(
             tmp_path / "path.png",

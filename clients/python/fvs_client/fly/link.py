@@ -99,7 +99,7 @@ class Link:
             return found
 
     def listen_to(self, heartbeat: Any) -> None:
-        """Listen to the vehicle that sent this heartbeat only."""
+        """Ignore all vehicles except the one that sent this heartbeat."""
         with self.changed:
             self._target = (heartbeat.get_srcSystem(), heartbeat.get_srcComponent())
 
@@ -135,7 +135,7 @@ class Link:
             getattr(self._link.mav, name)(*values)
 
     def forget_answers(self) -> None:
-        """Drop the answers that have not been read."""
+        """Discard unread answers."""
         with self.changed:
             self._answers.clear()
 

@@ -35,7 +35,7 @@ class Pieces:
         return min(self._size, left_bytes)
 
     def sent(self, size_bytes: int) -> None:
-        """Record that this many bytes of the piece were sent."""
+        """Count bytes of the current piece as sent."""
         self._sent += size_bytes
 
     def stopped(self) -> None:

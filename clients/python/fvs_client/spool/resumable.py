@@ -50,7 +50,7 @@ class ResumableCarrier:
             offset = self._append(photograph, upload, offset, file)
 
     def _offset(self, photograph: Photograph) -> int | None:
-        """The number of bytes that have arrived; None when no upload was created, or it has expired."""
+        """The number of bytes received; None if the upload does not exist or has expired."""
         if photograph.upload is None:
             return None
         answer = self._connection.ask("HEAD", f"{_UPLOADS}/{photograph.upload}", _VERSION)

@@ -31,6 +31,10 @@ _bearer = HTTPBearer(
 )
 
 
+_SHOWN = 100
+"""Maximum length of a name in an error."""
+
+
 def application_of(request: Request) -> Application:
     """The gateway's application, for dependencies: one on ``App`` would be resolved again in each of them."""
     application: Application = request.app.state.application
@@ -83,7 +87,7 @@ async def _caller(
         )
     else:
         principal = await run_in_threadpool(keys.authenticate, None)
-    require_known_query(request)
+    await _require_known_query(request)
     return principal
 
 
@@ -91,11 +95,31 @@ Caller = Annotated[Principal, Depends(_caller)]
 """The principal of the API key; without a right one, and with an unknown parameter, the request fails."""
 
 
-async def _known_query(request: Request) -> None:
-    require_known_query(request)
+async def _require_known_query(request: Request) -> None:
+    """Raise ``InvalidRequestError`` for a parameter that the route does not have, or that comes twice."""
+    if not request.url.query:
+        return
+    route = request.scope.get("route")
+    known = route.parameters if isinstance(route, JsonRoute) else {}
+    names = [name for name, _ in request.query_params.multi_items()]
+    for name in names:
+        shown = name[:_SHOWN]
+        if name not in known:
+            have = ", ".join(sorted(known))
+            raise InvalidRequestError(
+                f"There is no parameter {shown!r}.",
+                hint=f"The parameters are {have}." if have else "Leave it out: there are none here.",
+                errors=[FieldError(shown, "there is no such parameter")],
+            )
+        if names.count(name) > 1 and not known[name]:
+            raise InvalidRequestError(
+                f"The parameter {shown!r} is given twice.",
+                hint="Give it once.",
+                errors=[FieldError(shown, "it is given twice")],
+            )
 
 
-KnownQuery = Depends(_known_query)
+KnownQuery = Depends(_require_known_query)
 """For routes without a caller."""
 
 
@@ -185,31 +209,3 @@ SceneUploader = Annotated[Principal, Depends(_uploader)]
 def set_location(response: Response, path: str) -> None:
     """Set the location of the created resource."""
     response.headers["Location"] = path
-
-
-_SHOWN = 100
-"""Maximum length of a name in an error."""
-
-
-def require_known_query(request: Request) -> None:
-    """Raise ``InvalidRequestError`` for a parameter that the route does not have, or that comes twice."""
-    if not request.url.query:
-        return
-    route = request.scope.get("route")
-    known = route.parameters if isinstance(route, JsonRoute) else {}
-    names = [name for name, _ in request.query_params.multi_items()]
-    for name in names:
-        shown = name[:_SHOWN]
-        if name not in known:
-            have = ", ".join(sorted(known))
-            raise InvalidRequestError(
-                f"There is no parameter {shown!r}.",
-                hint=f"The parameters are {have}." if have else "Leave it out: there are none here.",
-                errors=[FieldError(shown, "there is no such parameter")],
-            )
-        if names.count(name) > 1 and not known[name]:
-            raise InvalidRequestError(
-                f"The parameter {shown!r} is given twice.",
-                hint="Give it once.",
-                errors=[FieldError(shown, "it is given twice")],
-            )

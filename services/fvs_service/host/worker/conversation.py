@@ -67,7 +67,7 @@ class StageSpans(contextlib.ExitStack):
 class Conversation:
     """Records a job's progress, warnings and quarantined images, and cancels or pauses it.
 
-    ``commit`` makes a snapshot of an update's first or quick model; ``stopping`` is whether it ends.
+    ``commit`` makes a snapshot of an update's first or quick model; ``stopping`` tells that the worker ends.
     """
 
     storage: Storage
@@ -86,7 +86,7 @@ class Conversation:
         self._received: queue.Queue[_Received] = queue.Queue()
 
     def hold(self) -> JobOutcome | Outcome:
-        """Have the runner run the job; returns what it has made, or else the outcome.
+        """Run the job on the runner; returns the runner's result, or an outcome if there is none.
 
         Raises ``RunnerGoneError``, ``StorageUnavailableError`` and ``StaleLeaseError``; the runner may then
         still compute.

@@ -19,7 +19,7 @@ class _Count(Record):
     reason: str = "its worker died"
     """What ended the last start."""
     disk_full: bool = False
-    """Whether it ended for lack of room."""
+    """Whether it ended because the disk was full."""
 
 
 class Starts:
@@ -44,7 +44,7 @@ class Starts:
 
     @property
     def disk_full(self) -> bool:
-        """Whether the last start ended for lack of room."""
+        """Whether the last start ended because the disk was full."""
         return self._read().disk_full
 
     def because(self, reason: str, *, disk_full: bool = False) -> None:

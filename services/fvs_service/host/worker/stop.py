@@ -21,7 +21,7 @@ _LOOK_EVERY_S = 0.5
 
 
 class JobStop:
-    """Stops a running job when there is a reason to; ``outcome`` is what the job then has, else None.
+    """Decides when a running job is stopped, and with which ``outcome`` (None: it goes on).
 
     It is canceled by its flag, and paused when the disk comes to the reserve or when its turn ends. A turn
     ends only where little work is lost, and once the job has come farther than in its earlier turns: else it

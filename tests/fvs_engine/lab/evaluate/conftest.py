@@ -8,7 +8,6 @@ import torch
 from PIL import Image
 
 from fvs_engine.geometry import PinholeCamera, look_at
-from fvs_engine.lab.evaluate import plots
 from fvs_engine.lab.evaluate.protocol import Protocol
 from fvs_engine.lab.evaluate.results import Calibration, Evaluation, RankCorrelation, Run, ViewQuality
 from fvs_engine.scene.dataset import Dataset
@@ -69,12 +68,6 @@ def quick() -> Protocol:
         iterations_per_view=2,
         max_gaussians=POINTS,
     )
-
-
-@pytest.fixture(autouse=True)
-def coarse_plots(monkeypatch: pytest.MonkeyPatch) -> None:
-    """Draw with few pixels, which is quicker."""
-    monkeypatch.setattr(plots, "_DPI", 50)
 
 
 @pytest.fixture

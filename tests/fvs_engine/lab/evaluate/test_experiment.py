@@ -18,6 +18,8 @@ from fvs_engine.scene.dataset import Dataset
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_schema.findings import Finding
 
+pytestmark = pytest.mark.usefixtures("coarse_pictures")
+
 METHODS = ("farthest", "random")
 DRAW = experiment._draw
 

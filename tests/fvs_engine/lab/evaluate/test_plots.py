@@ -17,6 +17,8 @@ from fvs_engine.lab.evaluate.report import Summary, summarise
 from fvs_engine.lab.evaluate.results import Run
 from fvs_engine.lab.evaluate.trajectories import on_floor, plot_trajectories
 
+pytestmark = pytest.mark.usefixtures("coarse_pictures")
+
 METHODS = ("farthest", "random", "fisher")
 MakeRun = Callable[..., Run]
 

@@ -25,6 +25,8 @@ from fvs_engine.plan.distances import path_length
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 
+pytestmark = pytest.mark.usefixtures("coarse_pictures")
+
 MakeRun = Callable[..., Run]
 METHODS = ("farthest", "kriging", "nearest")
 TRAVEL = 10.0

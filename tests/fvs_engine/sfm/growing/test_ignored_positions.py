@@ -15,18 +15,27 @@ from fvs_engine.sfm.settings import SfmSettings
 from fvs_schema.findings import Finding, FindingCode, Severity
 
 
+@pytest.fixture
+def growing(kermit_sfm: SfmResult, kermit_dir: Path, tmp_path: Path) -> GrowingReconstruction:
+    """A growing reconstruction whose first update finds the features and the model of all photographs."""
+    shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
+    (tmp_path / "sfm" / "report.json").unlink()
+    return GrowingReconstruction.open(tmp_path, kermit_dir, SfmSettings(), Monitor())
+
+
 @pytest.mark.system
 @pytest.mark.parametrize("mirrored", [False, True])
 def test_positions_that_the_images_contradict_are_ignored_by_the_first_model(
-    mirrored: bool, kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+    mirrored: bool,
+    growing: GrowingReconstruction,
+    kermit_sfm: SfmResult,
+    kermit_names: list[str],
+    tmp_path: Path,
 ) -> None:
-    shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
-    (tmp_path / "sfm" / "report.json").unlink()
     assert not GrowthFolder(tmp_path).ignores_positions
     x = -1.0 if mirrored else 1.0
     centres = kermit_sfm.reconstruction.centres()
     given = {name: PosePrior.at(centre * [x, 1.0, 1.0], 0.01) for name, centre in centres.items()}
-    growing = GrowingReconstruction.open(tmp_path, kermit_dir, SfmSettings(), Monitor())
     update = growing.add(kermit_names, Monitor(), PosePriors(by_name=given))
     assert len(update.registered) == len(kermit_names)
     assert (Finding.of(FindingCode.POSITIONS_IGNORED) in update.warnings) == mirrored
@@ -35,12 +44,9 @@ def test_positions_that_the_images_contradict_are_ignored_by_the_first_model(
 
 @pytest.mark.system
 def test_an_image_that_its_position_contradicts_is_doubtful_once_priors_can_judge_it(
-    kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+    growing: GrowingReconstruction, kermit_names: list[str]
 ) -> None:
     """As one that was registered while the track was too short for the accuracy of its positions."""
-    shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
-    (tmp_path / "sfm" / "report.json").unlink()
-    growing = GrowingReconstruction.open(tmp_path, kermit_dir, SfmSettings(), Monitor())
     assert not growing.add(kermit_names, Monitor(), PosePriors()).warnings
     centres = dict(growing.reconstruction.centres())
     centres[kermit_names[3]] = centres[kermit_names[3]] + 5.0
@@ -57,11 +63,8 @@ def test_an_image_that_its_position_contradicts_is_doubtful_once_priors_can_judg
 
 @pytest.mark.system
 def test_that_the_receiver_froze_is_said_once(
-    kermit_sfm: SfmResult, kermit_dir: Path, kermit_names: list[str], tmp_path: Path
+    growing: GrowingReconstruction, kermit_names: list[str]
 ) -> None:
-    shutil.copytree(kermit_sfm.model_dir.parent, tmp_path / "sfm")
-    (tmp_path / "sfm" / "report.json").unlink()
-    growing = GrowingReconstruction.open(tmp_path, kermit_dir, SfmSettings(), Monitor())
     said = []
     for names in (kermit_names[:-1], kermit_names):
         priors = PosePriors(by_name={name: PosePrior.at(np.ones(3), 0.1) for name in names})
