@@ -38,13 +38,11 @@ class TooNarrowError(UnusableImageError):
 class ImageLimits(Record):
     """The largest and the smallest image that is decoded.
 
-    ``max_aspect_ratio`` is the long side in short sides; ``max_decoding_bytes`` bounds ``decoding_bytes``.
+    ``max_decoding_bytes`` bounds ``decoding_bytes``.
     """
 
     max_pixels: int = MAX_PIXELS
     min_side_px: int = 1
-    max_side_px: int = MAX_SIDE_PX
-    max_aspect_ratio: float = MAX_ASPECT_RATIO
     max_decoding_bytes: int = 10 * MAX_PIXELS
 
     def require(self, width_px: int, height_px: int, needed_bytes: int) -> None:
@@ -56,14 +54,14 @@ class ImageLimits(Record):
                 f"it has {size}; the shorter side needs {self.min_side_px} px.",
                 hint="Use the original photograph.",
             )
-        if long > self.max_side_px:
+        if long > MAX_SIDE_PX:
             raise TooLargeError(
-                f"it has {size}; no side may be longer than {self.max_side_px} px.",
+                f"it has {size}; no side may be longer than {MAX_SIDE_PX} px.",
                 hint="Scale it down, or cut it into parts that overlap.",
             )
-        if long > self.max_aspect_ratio * short:
+        if long > MAX_ASPECT_RATIO * short:
             raise TooNarrowError(
-                f"it has {size}; the longer side may be {self.max_aspect_ratio:g} times the shorter one.",
+                f"it has {size}; the longer side may be {MAX_ASPECT_RATIO:g} times the shorter one.",
                 hint="Use the photographs that it was made of, or cut it into parts that overlap.",
             )
         if width_px * height_px > self.max_pixels:

@@ -161,12 +161,7 @@ def open_application(
     """Open the storage and the services on top of it."""
     limits = settings.limits
     with open_storage(settings, tracing) as storage:
-        inspector = Inspector(
-            image_limits(limits),
-            children=settings.inspectors,
-            cpu_s=settings.inspection_s,
-            memory_bytes=settings.inspection_bytes,
-        )
+        inspector = Inspector(image_limits(limits), children=settings.inspectors)
         try:
             jobs = Jobs(storage.database, storage.queue, limits)
             runners = make_runners(storage)

@@ -78,8 +78,6 @@ class WorkerSettings(Record):
     memory_bytes: _Bytes | None = None
     """Memory for all scenes of one worker, by default ¾ of the machine's divided by ``count``. A job
     that does not fit waits."""
-    start_bytes: _Room = 100 * MEGABYTE
-    """Free disk space, beyond the reserve, that a job needs to start."""
     idle_s: _Seconds = 600.0
     """A runner that has no requests for this time ends."""
     threads: int | None = Field(default=None, ge=1, le=1_024)
@@ -100,8 +98,6 @@ class WorkerSettings(Record):
     """Maximum number of Gaussians in a model that updates train."""
     fine_max_gaussians: _Gaussians = 1_000_000
     """Maximum number of Gaussians in a fine model."""
-    queue_poll_s: _Seconds = 10.0
-    """Interval at which workers look for jobs whose notification was lost, and for those that lacked room."""
 
 
 class Retention(Record):
@@ -178,8 +174,6 @@ class Settings(BaseSettings):
     """Disk space that uploads and jobs leave free. Rankings are refused at half of it."""
     lease_s: _Seconds = 20.0
     """Time after which a worker's lease of a scene expires if the worker does not extend it."""
-    event_poll_s: _Seconds = 5.0
-    """Interval at which gateways look for events whose notification was lost."""
     event_heartbeat_s: _Seconds = 15.0
     """Interval at which an event stream without events sends a comment, so that proxies do not close it."""
     upload_idle_s: _Seconds = 30.0
@@ -194,8 +188,6 @@ class Settings(BaseSettings):
     too many unfinished uploads, a new one replaces the smallest of those that did not grow for this time."""
     partial_upload_s: _Seconds = 3600.0
     """Time for which an unfinished upload can be resumed after its last byte."""
-    read_within_s: _Seconds = 120.0
-    """Time after which the connection of a client that does not read its response is closed."""
     drain_s: float = Field(default=10.0, ge=0, le=3600)
     """Time for requests in progress to end when the service stops. Containers must be given 10 s more."""
     allowed_hosts: Annotated[tuple[str, ...], NoDecode, BeforeValidator(_names)] = ()
@@ -206,11 +198,7 @@ class Settings(BaseSettings):
     """Hosts that webhooks may go to: names, addresses, and networks such as ``10.1.0.0/16``. A name leads
     only to public addresses, and to those that are listed. Empty: webhooks are off."""
     inspectors: _Processes = 2
-    """Processes that decode uploaded images."""
-    inspection_s: _Seconds = 60.0
-    """Maximum processor time for inspecting an image."""
-    inspection_bytes: int = Field(default=2048 * MEGABYTE, ge=64 * MEGABYTE, le=1_000_000 * GIGABYTE)
-    """Maximum memory of an inspector; at least twice ``image_decoding_bytes``."""
+    """Processes that decode uploaded images. Each may take twice ``image_decoding_bytes``."""
     limits: Limits = Limits()
     worker: WorkerSettings = WorkerSettings()
     retention: Retention = Retention()

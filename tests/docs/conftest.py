@@ -17,7 +17,6 @@ _SMALL_SERVICE = {
     "FVS_WORKER__LONG_SIDE_PX": "96",
     "FVS_WORKER__INITIAL_ITERATIONS": "30",
     "FVS_WORKER__ITERATIONS_PER_IMAGE": "2",
-    "FVS_WORKER__QUEUE_POLL_S": "0.5",
 }
 
 _clients = conftest_of("clients")

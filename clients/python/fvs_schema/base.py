@@ -77,12 +77,7 @@ class Page(Input):
     """A page of a list: ``limit`` items after the one with the cursor ``after``."""
 
     after: str | None = Field(default=None, max_length=128, description="The `next` of the previous page.")
-    limit: int = Field(
-        default=100,
-        ge=1,
-        le=1000,
-        description="Items of the page. It has no more than `limits.page_items` of the capabilities.",
-    )
+    limit: int = Field(default=100, ge=1, le=1000, description="Items of the page.")
 
 
 ItemT = TypeVar("ItemT", bound=Model)

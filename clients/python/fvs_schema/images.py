@@ -25,6 +25,7 @@ from fvs_schema.quantities import (
 from fvs_schema.scenes import AltitudeDatum
 from fvs_schema.words import Word
 
+_MOST_DIGESTS = 10_000
 MEDIA_TYPES = {
     "JPEG": "image/jpeg",
     "MPO": "image/jpeg",
@@ -279,8 +280,8 @@ class DigestCheck(Input):
 
     digests: Annotated[
         tuple[Digest, ...],
-        Field(min_length=1, max_length=10_000, fail_fast=True),
-        within("digests_per_check"),
+        Field(min_length=1, max_length=_MOST_DIGESTS, fail_fast=True),
+        within(_MOST_DIGESTS),
     ]
     """SHA-256 of the files, each `sha256:` and 64 hexadecimal digits."""
 

@@ -7,7 +7,7 @@ from pydantic import Field
 from fvs_schema.base import Input, Output
 from fvs_schema.jobs import JobKind
 from fvs_schema.missions import MissionFormat
-from fvs_schema.quantities import MAX_ASPECT_RATIO, MAX_PIXELS, MAX_SIDE_PX, MIN_SIDE_PX, Count, Number
+from fvs_schema.quantities import MAX_PIXELS, Count, Number
 from fvs_schema.words import Method
 
 _MEGABYTE = 1_000_000
@@ -25,22 +25,12 @@ class Limits(Input):
     """Maximum size of an image file."""
     image_pixels: int = Field(default=128_000_000, ge=1, le=MAX_PIXELS)
     """Maximum number of pixels per image."""
-    image_min_side_px: int = Field(default=MIN_SIDE_PX, ge=1, le=MAX_SIDE_PX)
-    """Minimum length of an image's shorter side."""
-    image_max_side_px: int = Field(default=MAX_SIDE_PX, ge=1, le=MAX_PIXELS)
-    """Maximum length of an image's longer side; extreme ones crash pycolmap."""
-    image_max_aspect_ratio: float = Field(default=MAX_ASPECT_RATIO, ge=1, le=MAX_PIXELS)
-    """Maximum ratio of an image's longer side to its shorter one."""
     image_decoding_bytes: _Bytes = 1024 * _MEGABYTE
     """Maximum memory for decoding an image, estimated from its header."""
-    multipart_files: int = Field(default=200, ge=1, le=100_000)
-    """Maximum number of files in a form."""
     multipart_bytes: _Bytes = 1024 * _MEGABYTE
     """Maximum size of a form."""
     json_bytes: int = Field(default=1_500_000, ge=1_000, le=64 * _MEGABYTE)
     """Maximum size of a JSON body or gRPC message with a list. Those without a list may have 64 KiB."""
-    digests_per_check: int = Field(default=10_000, ge=1, le=1_000_000)
-    """Maximum number of digests in an ``images:check`` request."""
     images_per_scene: int = Field(default=10_000, ge=1, le=1_000_000)
     """Maximum number of images per scene."""
     scenes_per_tenant: _Number = 1_000
@@ -69,12 +59,8 @@ class Limits(Input):
     event_streams_per_tenant: _Few = 64
     """Maximum number of concurrent event streams, and of requests that wait for a job, per tenant and
     gateway."""
-    job_wait_s: float = Field(default=30.0, ge=1e-3, le=86_400)
-    """Maximum time that a request waits for a change of a job (``wait_s``)."""
     candidates_per_ranking: int = Field(default=2_000, ge=1, le=100_000)
     """Maximum number of candidates per ranking."""
-    page_items: int = Field(default=1_000, ge=1, le=100_000)
-    """Maximum number of items on a page of a list."""
 
 
 class WorkerStatus(Output):

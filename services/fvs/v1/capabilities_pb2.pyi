@@ -33,17 +33,12 @@ class WorkerStatus(_message.Message):
     def __init__(self, id: _Optional[str] = ..., alive: _Optional[bool] = ..., heartbeat_age_s: _Optional[float] = ..., backend: _Optional[str] = ..., slots: _Optional[int] = ..., disk_full: _Optional[bool] = ..., runners: _Optional[int] = ..., runner_bytes: _Optional[int] = ..., work: _Optional[str] = ...) -> None: ...
 
 class Limits(_message.Message):
-    __slots__ = ("image_bytes", "image_pixels", "image_min_side_px", "image_max_side_px", "image_max_aspect_ratio", "image_decoding_bytes", "multipart_files", "multipart_bytes", "json_bytes", "digests_per_check", "images_per_scene", "scenes_per_tenant", "open_jobs_per_tenant", "running_jobs_per_tenant", "open_uploads_per_tenant", "rankings_at_once_per_tenant", "rankings_queued_per_scene", "rankings_queued_per_key", "ranking_timeout_s", "event_streams_per_tenant", "candidates_per_ranking", "page_items", "refusals_per_key", "partial_uploads_per_tenant", "job_wait_s")
+    __slots__ = ("image_bytes", "image_pixels", "image_decoding_bytes", "multipart_bytes", "json_bytes", "images_per_scene", "scenes_per_tenant", "open_jobs_per_tenant", "running_jobs_per_tenant", "open_uploads_per_tenant", "rankings_at_once_per_tenant", "rankings_queued_per_scene", "rankings_queued_per_key", "ranking_timeout_s", "event_streams_per_tenant", "candidates_per_ranking", "refusals_per_key", "partial_uploads_per_tenant")
     IMAGE_BYTES_FIELD_NUMBER: _ClassVar[int]
     IMAGE_PIXELS_FIELD_NUMBER: _ClassVar[int]
-    IMAGE_MIN_SIDE_PX_FIELD_NUMBER: _ClassVar[int]
-    IMAGE_MAX_SIDE_PX_FIELD_NUMBER: _ClassVar[int]
-    IMAGE_MAX_ASPECT_RATIO_FIELD_NUMBER: _ClassVar[int]
     IMAGE_DECODING_BYTES_FIELD_NUMBER: _ClassVar[int]
-    MULTIPART_FILES_FIELD_NUMBER: _ClassVar[int]
     MULTIPART_BYTES_FIELD_NUMBER: _ClassVar[int]
     JSON_BYTES_FIELD_NUMBER: _ClassVar[int]
-    DIGESTS_PER_CHECK_FIELD_NUMBER: _ClassVar[int]
     IMAGES_PER_SCENE_FIELD_NUMBER: _ClassVar[int]
     SCENES_PER_TENANT_FIELD_NUMBER: _ClassVar[int]
     OPEN_JOBS_PER_TENANT_FIELD_NUMBER: _ClassVar[int]
@@ -55,20 +50,13 @@ class Limits(_message.Message):
     RANKING_TIMEOUT_S_FIELD_NUMBER: _ClassVar[int]
     EVENT_STREAMS_PER_TENANT_FIELD_NUMBER: _ClassVar[int]
     CANDIDATES_PER_RANKING_FIELD_NUMBER: _ClassVar[int]
-    PAGE_ITEMS_FIELD_NUMBER: _ClassVar[int]
     REFUSALS_PER_KEY_FIELD_NUMBER: _ClassVar[int]
     PARTIAL_UPLOADS_PER_TENANT_FIELD_NUMBER: _ClassVar[int]
-    JOB_WAIT_S_FIELD_NUMBER: _ClassVar[int]
     image_bytes: int
     image_pixels: int
-    image_min_side_px: int
-    image_max_side_px: int
-    image_max_aspect_ratio: float
     image_decoding_bytes: int
-    multipart_files: int
     multipart_bytes: int
     json_bytes: int
-    digests_per_check: int
     images_per_scene: int
     scenes_per_tenant: int
     open_jobs_per_tenant: int
@@ -80,11 +68,9 @@ class Limits(_message.Message):
     ranking_timeout_s: float
     event_streams_per_tenant: int
     candidates_per_ranking: int
-    page_items: int
     refusals_per_key: int
     partial_uploads_per_tenant: int
-    job_wait_s: float
-    def __init__(self, image_bytes: _Optional[int] = ..., image_pixels: _Optional[int] = ..., image_min_side_px: _Optional[int] = ..., image_max_side_px: _Optional[int] = ..., image_max_aspect_ratio: _Optional[float] = ..., image_decoding_bytes: _Optional[int] = ..., multipart_files: _Optional[int] = ..., multipart_bytes: _Optional[int] = ..., json_bytes: _Optional[int] = ..., digests_per_check: _Optional[int] = ..., images_per_scene: _Optional[int] = ..., scenes_per_tenant: _Optional[int] = ..., open_jobs_per_tenant: _Optional[int] = ..., running_jobs_per_tenant: _Optional[int] = ..., open_uploads_per_tenant: _Optional[int] = ..., rankings_at_once_per_tenant: _Optional[int] = ..., rankings_queued_per_scene: _Optional[int] = ..., rankings_queued_per_key: _Optional[int] = ..., ranking_timeout_s: _Optional[float] = ..., event_streams_per_tenant: _Optional[int] = ..., candidates_per_ranking: _Optional[int] = ..., page_items: _Optional[int] = ..., refusals_per_key: _Optional[int] = ..., partial_uploads_per_tenant: _Optional[int] = ..., job_wait_s: _Optional[float] = ...) -> None: ...
+    def __init__(self, image_bytes: _Optional[int] = ..., image_pixels: _Optional[int] = ..., image_decoding_bytes: _Optional[int] = ..., multipart_bytes: _Optional[int] = ..., json_bytes: _Optional[int] = ..., images_per_scene: _Optional[int] = ..., scenes_per_tenant: _Optional[int] = ..., open_jobs_per_tenant: _Optional[int] = ..., running_jobs_per_tenant: _Optional[int] = ..., open_uploads_per_tenant: _Optional[int] = ..., rankings_at_once_per_tenant: _Optional[int] = ..., rankings_queued_per_scene: _Optional[int] = ..., rankings_queued_per_key: _Optional[int] = ..., ranking_timeout_s: _Optional[float] = ..., event_streams_per_tenant: _Optional[int] = ..., candidates_per_ranking: _Optional[int] = ..., refusals_per_key: _Optional[int] = ..., partial_uploads_per_tenant: _Optional[int] = ...) -> None: ...
 
 class Capabilities(_message.Message):
     __slots__ = ("version", "api", "methods", "generators", "image_formats", "job_kinds", "workers", "keys_required", "limits", "mission_formats")

@@ -22,6 +22,8 @@ from fvs_service.principal import Principal, Scope
 from fvs_service.storage.database import Database
 
 _BATCH = 256
+_POLL_S = 5.0
+"""Interval between two queries without a notification, because one can get lost."""
 _SPACING_S = 0.02
 """Minimum time between two queries, so that many notifications in a short time cause one query."""
 _AFTER_ERROR_S = 1.0
@@ -42,14 +44,13 @@ class EventFeed:
         keys: Keys,
         require: Callable[[Principal, str], object],
         *,
-        poll_s: float,
         heartbeat_s: float,
         streams_per_tenant: int,
     ) -> None:
         self._database = database
         self._keys = keys
         self._require = require
-        self._poll_s, self._heartbeat_s = poll_s, heartbeat_s
+        self._heartbeat_s = heartbeat_s
         self.stream_limit = ConcurrencyLimit("event streams", streams_per_tenant)
         self._newest = 0
         self._followers = 0
@@ -74,11 +75,11 @@ class EventFeed:
             self._loop.call_soon_threadsafe(self._notified.set)
 
     async def watch(self) -> None:
-        """While there are streams, look for events when notified and every ``poll_s``, until cancelled."""
+        """While there are streams, look for events when notified and every ``_POLL_S``, until cancelled."""
         while True:
             await self._followed.wait()
             with contextlib.suppress(TimeoutError):
-                async with asyncio.timeout(self._poll_s):
+                async with asyncio.timeout(_POLL_S):
                     await self._notified.wait()
             self._notified.clear()
             try:

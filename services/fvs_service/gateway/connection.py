@@ -14,6 +14,7 @@ from uvicorn.protocols.http.httptools_impl import HttpToolsProtocol, RequestResp
 from fvs_service.errors import MalformedRequestError
 from fvs_service.gateway.request_id import HEADER
 from fvs_service.gateway.rest.problems import MEDIA_TYPE, problem_of
+from fvs_service.gateway.upload_pace import READ_WITHIN_S
 from fvs_service.ids import new_id
 
 MAX_HEAD_BYTES = 32_768
@@ -61,7 +62,7 @@ class _LimitedProtocol(HttpToolsProtocol):
     """
 
     head_within_s: float
-    read_within_s: float
+    read_within_s = READ_WITHIN_S
     _head_deadline: asyncio.TimerHandle | None = None
     _read_deadline: asyncio.TimerHandle | None = None
     _in_head, _head_began = True, False
@@ -219,7 +220,7 @@ class _LimitedProtocol(HttpToolsProtocol):
             self._read_deadline = None
 
 
-def http_protocol(head_within_s: float, *, read_within_s: float) -> type[HttpToolsProtocol]:
+def http_protocol(head_within_s: float, *, read_within_s: float = READ_WITHIN_S) -> type[HttpToolsProtocol]:
     """The uvicorn protocol with these limits."""
     limits = {"head_within_s": head_within_s, "read_within_s": read_within_s}
     return type("LimitedProtocol", (_LimitedProtocol,), limits)

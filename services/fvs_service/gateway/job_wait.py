@@ -13,7 +13,9 @@ from fvs_service.principal import Principal
 from fvs_service.telemetry import Metrics
 
 MOST_S = 86_400
-"""Maximum of what may be asked for; ``limits.job_wait_s`` is that of what is waited."""
+"""Maximum of what may be asked for."""
+LONGEST_S = 30.0
+"""Maximum of what is waited."""
 
 
 async def changed_job(
@@ -24,7 +26,7 @@ async def changed_job(
     The job as it is after ``within_s``, and when the gateway stops. Raises ``NotFoundError``, also when the
     job is deleted meanwhile, and ``LimitExceededError`` as streams of events do.
     """
-    within_s = min(within_s, app.storage.settings.limits.job_wait_s)
+    within_s = min(within_s, LONGEST_S)
     after = await feed.newest() if within_s else 0  # before the job is read, so that no change is missed
     job = await run_sync(app.jobs.get, caller, job_id)
     if not within_s or job.state.ended:

@@ -1,4 +1,4 @@
-"""The minimum speed of uploads."""
+"""The minimum speed of uploads, and of clients that read a response."""
 
 import asyncio
 import time
@@ -9,6 +9,8 @@ from fvs_service.errors import SlowRequestError
 from fvs_service.settings import Settings
 
 PartT = TypeVar("PartT")
+READ_WITHIN_S = 120.0
+"""Time after which the connection of a client that does not read its response is closed."""
 
 
 class UploadPace:

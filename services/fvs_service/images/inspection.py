@@ -22,6 +22,7 @@ from fvs_engine.images.limits import (
 from fvs_engine.images.metadata import PhotographPriors, read_priors
 from fvs_engine.images.pixels import decode
 from fvs_schema.images import ImageWarning, Verdict
+from fvs_schema.quantities import MIN_SIDE_PX
 from fvs_schema.service import Limits
 
 SHARP = 0.25
@@ -39,9 +40,7 @@ def image_limits(limits: Limits) -> ImageLimits:
     """The limits of one image."""
     return ImageLimits(
         max_pixels=limits.image_pixels,
-        min_side_px=limits.image_min_side_px,
-        max_side_px=limits.image_max_side_px,
-        max_aspect_ratio=limits.image_max_aspect_ratio,
+        min_side_px=MIN_SIDE_PX,
         max_decoding_bytes=limits.image_decoding_bytes,
     )
 

@@ -27,6 +27,10 @@ _KEPT_BYTES = 256_000_000
 takes a third of an inspection."""
 _M_TRIM_THRESHOLD, _M_MMAP_MAX = -1, -4
 """Parameters of ``mallopt`` (glibc)."""
+_MEMORY_PER_DECODING = 2
+"""Memory that a child may take, in multiples of that for decoding."""
+_CPU_S = 60.0
+"""Processor time that a child may take for an image."""
 _STUCK_AFTER = 10
 """A child is also killed when an inspection takes this multiple of its processor time by the clock."""
 
@@ -40,21 +44,20 @@ _KILLED = Inspection(
 class Inspector:
     """A pool of ``children`` processes; ``inspect`` may be called from any thread, and blocks."""
 
-    def __init__(self, limits: ImageLimits, *, children: int, cpu_s: float, memory_bytes: int) -> None:
+    def __init__(self, limits: ImageLimits, *, children: int) -> None:
         self._limits = limits
-        self._cpu_s = cpu_s
         self._pool = ProcessPool(
             children,
             context=multiprocessing.get_context("spawn"),
             initializer=_limit_child,
-            initargs=(os.getpid(), memory_bytes),
+            initargs=(os.getpid(), int(_MEMORY_PER_DECODING * limits.max_decoding_bytes)),
         )
         self._pool.schedule(os.getpid)  # the pool starts its children with its first task
 
     def inspect(self, path: Path) -> Inspection:
         """Return the verdict on the file at ``path``."""
         task = self._pool.schedule(
-            _inspect_within, (path, self._limits, self._cpu_s), timeout=_STUCK_AFTER * self._cpu_s
+            _inspect_within, (path, self._limits, _CPU_S), timeout=_STUCK_AFTER * _CPU_S
         )
         try:
             found: Inspection = task.result()

@@ -53,6 +53,8 @@ router = json_router("/v1/scenes/{scene_id}", "images")
 Hex = Annotated[
     str, Path(pattern=r"^[0-9a-f]{64}$", description="The SHA-256 of the image's bytes.", examples=["0" * 64])
 ]
+_MOST_FILES = 200
+"""Maximum number of files in a form."""
 _SUM = "The SHA-256 of the body as `sha-256=:…:`, in base64; it must be that of the path."
 _ReprDigest = Annotated[str | None, Header(alias="Repr-Digest", description=_SUM)]
 _ContentDigest = Annotated[str | None, Header(alias="Content-Digest", description=_SUM)]
@@ -136,8 +138,7 @@ async def upload_images(
     await run_in_threadpool(app.images.require_open, caller, scene_id)
     items = []
     with app.upload_places.place(caller, request.state.pace, declared_bytes(request)) as place:
-        most = app.storage.settings.limits.multipart_files
-        files = receive_files(request, app.uploads, most, parsing)
+        files = receive_files(request, app.uploads, _MOST_FILES, parsing)
         while (file := await _next(files, place)) is not None:
             metadata = _named(file.name)
             async with app.inspection_turns.turn(caller):

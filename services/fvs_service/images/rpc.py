@@ -10,9 +10,9 @@ from fvs_schema.base import Page
 from fvs_schema.images import DigestAnswer, DigestCheck, Image, ImageList
 from fvs_service.application import Application
 from fvs_service.gateway.rpc.calls import Call
-from fvs_service.gateway.rpc.conversion import read
+from fvs_service.gateway.rpc.conversion import pick, read
 from fvs_service.gateway.rpc.downloads import download
-from fvs_service.gateway.rpc.requests import digest_of, page_of
+from fvs_service.gateway.rpc.requests import digest_of
 from fvs_service.images.rpc_uploads import ImageUpload
 from fvs_service.images.uploads import PartialUpload
 from fvs_service.principal import Principal, Scope
@@ -45,7 +45,7 @@ class ImageServicer:
 
     def list_images(self, caller: Principal, request: pb.ListImagesRequest) -> ImageList:
         """List the images of a scene."""
-        page = page_of(Page, request, self._app.storage.settings.limits)
+        page = pick(Page, request)
         return self._app.images.of_scene(caller, request.scene_id, page)
 
     def get_image(self, caller: Principal, request: pb.GetImageRequest) -> Image:

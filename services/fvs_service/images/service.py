@@ -61,12 +61,6 @@ class Images:
     def check(self, principal: Principal, scene_id: str, request: DigestCheck) -> DigestAnswer:
         """Which of these digests the scene has, and with which verdicts."""
         principal.require(Scope.UPLOAD, scene_id)
-        if len(request.digests) > self._limits.digests_per_check:
-            raise InvalidRequestError(
-                f"There are {len(request.digests)} digests; {self._limits.digests_per_check} are allowed.",
-                hint="Split them into several requests.",
-                errors=[FieldError("digests", f"at most {self._limits.digests_per_check} are allowed")],
-            )
         with self._database.reading() as session:
             scene_of(session, principal, scene_id)
             images = repository.known_images(session, scene_id, request.digests)

@@ -5,7 +5,7 @@ from typing import Annotated
 from fastapi import Depends, Query, Request, Response
 
 from fvs_schema.jobs import Job, JobList, JobRequest
-from fvs_service.gateway.job_wait import MOST_S, changed_job
+from fvs_service.gateway.job_wait import LONGEST_S, MOST_S, changed_job
 from fvs_service.gateway.rest.bodies import json_body
 from fvs_service.gateway.rest.dependencies import (
     App,
@@ -73,7 +73,7 @@ async def get_job(
             le=MOST_S,
             allow_inf_nan=False,
             description="Wait until the job's state has changed, but not longer than this, nor than "
-            "`limits.job_wait_s` of the capabilities. A job that has ended is returned at once.",
+            f"{LONGEST_S:g} s. A job that has ended is returned at once.",
         ),
     ] = 0.0,
 ) -> Job:

@@ -15,7 +15,7 @@ from fvs_service.errors import stopping
 from fvs_service.gateway.job_wait import MOST_S, changed_job
 from fvs_service.gateway.rpc.calls import Call
 from fvs_service.gateway.rpc.conversion import pick, read
-from fvs_service.gateway.rpc.requests import idempotency_key, page_of
+from fvs_service.gateway.rpc.requests import idempotency_key
 from fvs_service.principal import Principal, Scope
 
 
@@ -39,7 +39,7 @@ class JobServicer:
 
     def list_jobs(self, caller: Principal, request: pb.ListJobsRequest) -> JobList:
         """List the jobs of a scene."""
-        page = page_of(JobPage, request, self._app.storage.settings.limits)
+        page = pick(JobPage, request)
         return self._app.jobs.of_scene(caller, request.scene_id, page)
 
     async def get_job(self, call: Call, caller: Principal, request: pb.GetJobRequest) -> Job:

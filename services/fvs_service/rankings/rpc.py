@@ -16,7 +16,7 @@ from fvs_schema.visits import VisitList, VisitReport
 from fvs_service.application import Application
 from fvs_service.gateway.rpc.calls import Call
 from fvs_service.gateway.rpc.conversion import pick, read
-from fvs_service.gateway.rpc.requests import idempotency_key, page_of
+from fvs_service.gateway.rpc.requests import idempotency_key
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings.port import ViewImage
 
@@ -69,7 +69,7 @@ class ViewServicer:
 
     def list_rankings(self, caller: Principal, request: pb.ListRankingsRequest) -> RankingList:
         """List the rankings of a scene."""
-        page = page_of(Page, request, self._app.storage.settings.limits)
+        page = pick(Page, request)
         return self._app.rankings.of_scene(caller, request.scene_id, page)
 
     def delete_ranking(self, caller: Principal, request: pb.DeleteRankingRequest) -> None:
@@ -97,7 +97,7 @@ class ViewServicer:
 
     def list_plans(self, caller: Principal, request: pb.ListPlansRequest) -> PlanList:
         """List the plans of a scene."""
-        page = page_of(Page, request, self._app.storage.settings.limits)
+        page = pick(Page, request)
         return self._app.plans.of_scene(caller, request.scene_id, page)
 
     def get_plan(self, caller: Principal, request: pb.GetPlanRequest) -> Plan:

@@ -14,7 +14,7 @@ from fvs_service.application import Application
 from fvs_service.errors import stopping
 from fvs_service.gateway.rpc.calls import Call
 from fvs_service.gateway.rpc.conversion import pick, read
-from fvs_service.gateway.rpc.requests import idempotency_key, page_of
+from fvs_service.gateway.rpc.requests import idempotency_key
 from fvs_service.principal import Principal, Scope
 
 
@@ -42,7 +42,7 @@ class SceneServicer:
 
     def list_scenes(self, caller: Principal, request: pb.ListScenesRequest) -> SceneList:
         """List the scenes."""
-        return self._app.scenes.all(caller, page_of(ScenePage, request, self._app.storage.settings.limits))
+        return self._app.scenes.all(caller, pick(ScenePage, request))
 
     def get_scene(self, caller: Principal, request: pb.GetSceneRequest) -> Scene:
         """Return a scene."""

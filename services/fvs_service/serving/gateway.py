@@ -64,7 +64,7 @@ def run_gateway(
         host=settings.host,
         port=settings.port,
         loop="asyncio",  # the protocol sets how much asyncio's transports read at once; uvloop's cannot
-        http=http_protocol(settings.upload_idle_s, read_within_s=settings.read_within_s),
+        http=http_protocol(settings.upload_idle_s),
         ws="none",
         log_config=None,  # see ``fvs_service.logs``
         access_log=False,

@@ -84,7 +84,6 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
                 application.storage.database,
                 application.storage.keys,
                 application.scenes.get,
-                poll_s=settings.event_poll_s,
                 heartbeat_s=settings.event_heartbeat_s,
                 streams_per_tenant=settings.limits.event_streams_per_tenant,
             )
@@ -98,7 +97,7 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
             delivering: tuple[Coroutine[Any, Any, None], ...] = ()
             if not application.destinations.none:
                 sender = Sender(application.destinations)
-                deliveries = Deliveries(application.storage.database, sender, poll_s=settings.event_poll_s)
+                deliveries = Deliveries(application.storage.database, sender)
                 notified.append(deliveries.notify)
                 delivering = (deliveries.run(),)
             watching = asyncio.gather(

@@ -10,9 +10,8 @@ from fvs_schema.base import Page
 from fvs_schema.snapshots import Snapshot, SnapshotChange, SnapshotList
 from fvs_service.application import Application
 from fvs_service.gateway.rpc.calls import Call
-from fvs_service.gateway.rpc.conversion import read
+from fvs_service.gateway.rpc.conversion import pick, read
 from fvs_service.gateway.rpc.downloads import download
-from fvs_service.gateway.rpc.requests import page_of
 from fvs_service.principal import Principal, Scope
 
 
@@ -27,7 +26,7 @@ class SnapshotServicer:
 
     def list_snapshots(self, caller: Principal, request: pb.ListSnapshotsRequest) -> SnapshotList:
         """List the snapshots of a scene."""
-        page = page_of(Page, request, self._app.storage.settings.limits)
+        page = pick(Page, request)
         return self._snapshots.of_scene(caller, request.scene_id, page)
 
     def get_snapshot(self, caller: Principal, request: pb.GetSnapshotRequest) -> Snapshot:

@@ -26,6 +26,8 @@ from fvs_service.webhooks.repository import Claim
 from fvs_service.webhooks.sending import DeliveryError, Sender
 
 _AT_ONCE = 32
+_POLL_S = 5.0
+"""Interval at which due deliveries are looked for."""
 _LEASE_S = 60
 _RENEW_S = 30
 """After this time a gateway gives a webhook with more events back, to claim it again."""
@@ -39,10 +41,10 @@ _log = structlog.get_logger()
 
 
 class Deliveries:
-    """Delivers events when notified, and looks for due deliveries every ``poll_s``."""
+    """Delivers events when notified, and looks for due deliveries every ``_POLL_S``."""
 
-    def __init__(self, database: Database, sender: Sender, *, poll_s: float) -> None:
-        self._database, self._sender, self._poll_s = database, sender, poll_s
+    def __init__(self, database: Database, sender: Sender) -> None:
+        self._database, self._sender = database, sender
         self._running: dict[str, asyncio.Task[None]] = {}
         self._notified = asyncio.Event()
         self._loop = asyncio.get_running_loop()
@@ -62,7 +64,7 @@ class Deliveries:
                     await asyncio.sleep(_AFTER_ERROR_S)
                 await asyncio.sleep(_SPACING_S)
                 with contextlib.suppress(TimeoutError):
-                    async with asyncio.timeout(self._poll_s):
+                    async with asyncio.timeout(_POLL_S):
                         await self._notified.wait()
                 self._notified.clear()
         finally:

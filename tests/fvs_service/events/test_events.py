@@ -151,8 +151,9 @@ def _local() -> Any:
     return LOCAL_USER
 
 
-def test_events_arrive_when_they_are_committed(serve: Any) -> None:
-    server = serve(event_poll_s=3600)
+def test_events_arrive_when_they_are_committed(serve: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("fvs_service.events.feed._POLL_S", 3600)
+    server = serve()
     scene = server.scene()
     with server.client.stream("GET", f"/v1/scenes/{scene}/events", params={"tail": True}) as stream:
         messages = _messages(stream.iter_lines())
@@ -162,7 +163,8 @@ def test_events_arrive_when_they_are_committed(serve: Any) -> None:
 
 def test_a_lost_notification_only_delays_events(serve: Any, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fvs_service.events.repository.announce", lambda *_: None)
-    server = serve(event_poll_s=0.02)
+    monkeypatch.setattr("fvs_service.events.feed._POLL_S", 0.02)
+    server = serve()
     scene = server.scene()
     with server.client.stream("GET", f"/v1/scenes/{scene}/events", params={"tail": True}) as stream:
         messages = _messages(stream.iter_lines())

@@ -78,10 +78,9 @@ def test_a_service_on_a_full_disk_refuses_waits_and_goes_on(
 ) -> None:
     settings = {
         "FVS_RESERVE_BYTES": str(8 * _MEGABYTE),
-        "FVS_WORKER__START_BYTES": str(4 * _MEGABYTE),
         "FVS_LIMITS__IMAGE_BYTES": str(4 * _MEGABYTE),
     }
-    with _small_disk(tmp_path / "disk", 120) as disk, serving(disk / "root", settings) as service:
+    with _small_disk(tmp_path / "disk", 300) as disk, serving(disk / "root", settings) as service:
         scene = service.scene()
         service.send(scene, courtyard_photographs[:7])
         job = service.start(scene, iterations=600)

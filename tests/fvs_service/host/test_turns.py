@@ -84,6 +84,7 @@ def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(ledger, "_REPORT_EVERY_S", 0.0)
     monkeypatch.setattr(order, "_SETTLED_MS", 0)
     monkeypatch.setattr(stop, "_LOOK_EVERY_S", 0.0)
+    monkeypatch.setattr(resources, "START_BYTES", 1_000)
     monkeypatch.setattr(resources, "_LOOK_EVERY_S", -1.0)
     # A job that lacks something says so until it may try again: see `_let_all_try_again`.
     monkeypatch.setattr(queue, "_TRY_AGAIN_MS", 1_000_000)
@@ -91,7 +92,7 @@ def _at_once(monkeypatch: pytest.MonkeyPatch) -> None:
 
 @pytest.fixture
 def gateway(open_gateway: Any) -> Any:
-    worker = WorkerSettings(turn_s=0.1, start_bytes=1_000)
+    worker = WorkerSettings(turn_s=0.1)
     return open_gateway(require_keys=True, worker=worker, reserve_bytes=1_000_000)
 
 

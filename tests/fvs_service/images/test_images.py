@@ -173,12 +173,12 @@ def test_a_photograph_cut_off_or_too_small_is_not_used(gateway: Any, photograph:
 
 
 @pytest.mark.system
-def test_a_decoder_that_takes_too_much_ends_alone(open_gateway: Any, photograph: Photograph) -> None:
+def test_a_decoder_that_takes_too_much_ends_alone(
+    open_gateway: Any, photograph: Photograph, monkeypatch: pytest.MonkeyPatch
+) -> None:
     """A child with no memory for 200 megapixels: the image is refused, and the next one is judged as ever."""
-    gateway = open_gateway(
-        inspection_bytes=700_000_000,
-        limits={"image_pixels": 250_000_000, "image_decoding_bytes": 2_000_000_000},
-    )
+    monkeypatch.setattr("fvs_service.images.inspector._MEMORY_PER_DECODING", 0.35)
+    gateway = open_gateway(limits={"image_pixels": 250_000_000, "image_decoding_bytes": 2_000_000_000})
     scene = gateway.scene()
     out = io.BytesIO()
     Image.new("1", (15_000, 15_000)).save(out, "PNG", compress_level=1)

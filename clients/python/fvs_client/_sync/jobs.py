@@ -19,7 +19,7 @@ class Job(Resource, JobData):
     def refresh(self, *, wait_s: float = 0.0) -> Self:
         """Get the job's current state; with ``wait_s`` once the state has changed, or that time has passed.
 
-        A job that has ended is returned at once. The service waits no longer than ``limits.job_wait_s``.
+        A job that has ended is returned at once. The service waits no longer than 30 s.
         """
         return self._session.fetch(type(self), requests.get_job(self.id, wait_s))
 

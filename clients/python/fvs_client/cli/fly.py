@@ -18,9 +18,16 @@ from fvs_client.cli.flight_options import (
     TransitHeightOption,
     flight_limits,
 )
-from fvs_client.cli.options import IterationsOption, JsonOption, LongSideOption, MethodOption, SceneArgument
+from fvs_client.cli.options import (
+    CandidatesOption,
+    IterationsOption,
+    JsonOption,
+    LongSideOption,
+    MethodOption,
+    SceneArgument,
+)
 from fvs_client.cli.output import print_json
-from fvs_client.cli.poses import GeneratorName, generator_of, read_candidates
+from fvs_client.cli.poses import GeneratorName, GeneratorOption, generator_of, read_candidates
 from fvs_client.cli.program import Target
 from fvs_client.cli.session import find_scene, service
 from fvs_client.fly.errors import VehicleError
@@ -96,16 +103,11 @@ def fly(
         ),
     ] = None,
     method: MethodOption = "median-frequency",
-    generator: Annotated[
-        GeneratorName | None, typer.Option(help="Generator of candidates.", show_default="orbit")
-    ] = None,
+    generator: GeneratorOption = None,
     count: Annotated[
         int | None, typer.Option(min=1, max=2_000, help="Number of candidates for orbit and around-current.")
     ] = None,
-    candidates: Annotated[
-        Path | None,
-        typer.Option(exists=True, dir_okay=False, metavar="FILE", help='JSON: [{"id": …, "pose": {…}}, …].'),
-    ] = None,
+    candidates: CandidatesOption = None,
     radius: Annotated[
         float | None,
         typer.Option(min=0, max=1e9, metavar="M", help="Only views within M of the vehicle."),

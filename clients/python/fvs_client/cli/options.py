@@ -28,6 +28,20 @@ MethodOption = Annotated[
         "--method", autocompletion=_methods, help="Method of ranking; `fvs-client status` lists all."
     ),
 ]
+CandidatesOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--candidates",
+        exists=True,
+        dir_okay=False,
+        metavar="FILE",
+        help='JSON: [{"id": …, "pose": {…}}, …].',
+    ),
+]
+SnapshotOption = Annotated[
+    str | None,
+    typer.Option("--snapshot", metavar="ID", help="Snapshot with the model.", show_default="the latest"),
+]
 ForVehicleOption = Annotated[
     str | None,
     typer.Option(
@@ -81,6 +95,12 @@ TimeoutOption = Annotated[
         metavar="S",
         help="Wait at most S seconds.",
         show_default="no limit",
+    ),
+]
+AnswerTimeoutOption = Annotated[
+    float | None,
+    typer.Option(
+        "--timeout", min=0, max=31_536_000, metavar="S", help="Wait at most S seconds.", show_default="180"
     ),
 ]
 IterationsOption = Annotated[

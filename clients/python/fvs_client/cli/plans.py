@@ -8,18 +8,21 @@ import typer
 from fvs_client import Plan
 from fvs_client.cli.options import (
     AimOption,
+    AnswerTimeoutOption,
+    CandidatesOption,
     ForVehicleOption,
     JsonOption,
     LevelOption,
     NoFlyOption,
     SceneArgument,
+    SnapshotOption,
     VolumeOption,
     YesOption,
 )
 from fvs_client.cli.output import print_json, print_table
 from fvs_client.cli.poses import (
-    FrameName,
-    GeneratorName,
+    FrameOption,
+    GeneratorOption,
     generator_asked,
     read_candidates,
     read_pose,
@@ -36,13 +39,8 @@ _PlanArgument = Annotated[str, typer.Argument(metavar="PLAN", help="A plan's id.
 def plan(
     context: typer.Context,
     scene: SceneArgument,
-    candidates: Annotated[
-        Path | None,
-        typer.Option(exists=True, dir_okay=False, metavar="FILE", help='JSON: [{"id": …, "pose": {…}}, …].'),
-    ] = None,
-    generator: Annotated[
-        GeneratorName | None, typer.Option(help="Generator of candidates.", show_default="orbit")
-    ] = None,
+    candidates: CandidatesOption = None,
+    generator: GeneratorOption = None,
     count: Annotated[
         int | None,
         typer.Option(min=1, max=2_000, help="Number of candidates for orbit and --volume."),
@@ -82,19 +80,9 @@ def plan(
         ),
     ] = None,
     for_vehicle: ForVehicleOption = None,
-    frame: Annotated[
-        FrameName | None,
-        typer.Option(
-            help="Frame of the poses in the result.", show_default="as asked; geodetic if georeferenced"
-        ),
-    ] = None,
-    snapshot: Annotated[
-        str | None, typer.Option(metavar="ID", help="Snapshot to plan for.", show_default="the latest")
-    ] = None,
-    timeout: Annotated[
-        float | None,
-        typer.Option(min=0, max=31_536_000, metavar="S", help="Wait at most S seconds.", show_default="180"),
-    ] = None,
+    frame: FrameOption = None,
+    snapshot: SnapshotOption = None,
+    timeout: AnswerTimeoutOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Plan which views to photograph next, in the order of a short flight, and say what each adds."""

@@ -3,7 +3,7 @@
 import json
 from enum import StrEnum
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Annotated, Any, TypeVar
 
 import pydantic
 import typer
@@ -37,6 +37,20 @@ class FrameName(StrEnum):
     WORLD = "world"
     MODEL = "model"
     GEODETIC = "geodetic"
+
+
+GeneratorOption = Annotated[
+    GeneratorName | None,
+    typer.Option("--generator", help="Generator of candidates.", show_default="orbit"),
+]
+FrameOption = Annotated[
+    FrameName | None,
+    typer.Option(
+        "--frame",
+        help="Frame of the poses in the result.",
+        show_default="as asked; geodetic if georeferenced",
+    ),
+]
 
 
 def read_candidates(path: Path | None) -> list[Candidate] | None:

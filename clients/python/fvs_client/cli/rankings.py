@@ -8,19 +8,22 @@ import typer
 from fvs_client import Ranking
 from fvs_client.cli.options import (
     AimOption,
+    AnswerTimeoutOption,
+    CandidatesOption,
     ForVehicleOption,
     JsonOption,
     LevelOption,
     MethodOption,
     NoFlyOption,
     SceneArgument,
+    SnapshotOption,
     VolumeOption,
     YesOption,
 )
 from fvs_client.cli.output import print_json, print_table
 from fvs_client.cli.poses import (
-    FrameName,
-    GeneratorName,
+    FrameOption,
+    GeneratorOption,
     generator_asked,
     read_candidates,
     read_pose,
@@ -38,13 +41,8 @@ _RankingArgument = Annotated[str, typer.Argument(metavar="RANKING", help="A rank
 def rank(
     context: typer.Context,
     scene: SceneArgument,
-    candidates: Annotated[
-        Path | None,
-        typer.Option(exists=True, dir_okay=False, metavar="FILE", help='JSON: [{"id": …, "pose": {…}}, …].'),
-    ] = None,
-    generator: Annotated[
-        GeneratorName | None, typer.Option(help="Generator of candidates.", show_default="orbit")
-    ] = None,
+    candidates: CandidatesOption = None,
+    generator: GeneratorOption = None,
     count: Annotated[
         int | None,
         typer.Option(min=1, max=2_000, help="Number of candidates for orbit, around-current and --volume."),
@@ -78,18 +76,11 @@ def rank(
         float | None,
         typer.Option(min=0, max=1e9, metavar="M", help="Rank only candidates within M of the current pose."),
     ] = None,
-    frame: Annotated[
-        FrameName | None,
-        typer.Option(
-            help="Frame of the poses in the result.", show_default="as asked; geodetic if georeferenced"
-        ),
-    ] = None,
+    frame: FrameOption = None,
     top: Annotated[
         int | None, typer.Option(min=1, max=100_000, metavar="K", help="Show only the first K candidates.")
     ] = None,
-    snapshot: Annotated[
-        str | None, typer.Option(metavar="ID", help="Snapshot to rank on.", show_default="the latest")
-    ] = None,
+    snapshot: SnapshotOption = None,
     budget: Annotated[
         int,
         typer.Option(
@@ -106,10 +97,7 @@ def rank(
             metavar="DIR", help="Save the render and the spectrum of every candidate of the answer."
         ),
     ] = None,
-    timeout: Annotated[
-        float | None,
-        typer.Option(min=0, max=31_536_000, metavar="S", help="Wait at most S seconds.", show_default="180"),
-    ] = None,
+    timeout: AnswerTimeoutOption = None,
     as_json: JsonOption = False,
 ) -> None:
     """Rank candidates for the next view, best first."""

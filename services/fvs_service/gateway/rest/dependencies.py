@@ -2,7 +2,7 @@
 
 from collections.abc import Callable
 from functools import partial
-from typing import Annotated, TypeAlias, TypeVar
+from typing import Annotated, TypeAlias
 
 from anyio import CapacityLimiter
 from fastapi import Depends, Header, Path, Query, Request, Response
@@ -21,8 +21,6 @@ from fvs_service.gateway.rest.routing import JsonRoute
 from fvs_service.ids import new_id
 from fvs_service.principal import Principal, Scope
 from fvs_service.telemetry import Metrics
-
-PageT = TypeVar("PageT", bound=Page)
 
 _bearer = HTTPBearer(
     auto_error=False,
@@ -123,26 +121,9 @@ KnownQuery = Depends(_require_known_query)
 """For routes without a caller."""
 
 
-async def _page(request: Request, page: Annotated[Page, Query()]) -> Page:
-    return _within_limits(request, page)
-
-
-async def _scene_page(request: Request, page: Annotated[ScenePage, Query()]) -> ScenePage:
-    return _within_limits(request, page)
-
-
-async def _job_page(request: Request, page: Annotated[JobPage, Query()]) -> JobPage:
-    return _within_limits(request, page)
-
-
-def _within_limits(request: Request, page: PageT) -> PageT:
-    most = application_of(request).storage.settings.limits.page_items
-    return page.model_copy(update={"limit": min(page.limit, most)})
-
-
-Paging = Annotated[Page, Depends(_page)]
-ScenePaging = Annotated[ScenePage, Depends(_scene_page)]
-JobPaging = Annotated[JobPage, Depends(_job_page)]
+Paging = Annotated[Page, Query()]
+ScenePaging = Annotated[ScenePage, Query()]
+JobPaging = Annotated[JobPage, Query()]
 IdempotencyKey = Annotated[
     str | None,
     Header(

@@ -44,6 +44,7 @@ from fvs_service.gateway.refusals import Refusals
 from fvs_service.gateway.request_id import HEADER, request_id_of
 from fvs_service.gateway.rpc.conversion import parse
 from fvs_service.gateway.rpc.failures import DETAILS, code_of, status_of
+from fvs_service.gateway.upload_pace import READ_WITHIN_S
 from fvs_service.principal import Principal
 from fvs_service.telemetry import Metrics
 from fvs_service.tracing import Span
@@ -182,12 +183,11 @@ class Call:
     async def write(self, content: bytes) -> None:
         """Send a message of a stream; a client that does not read is cut off."""
         self._gateway.loop_lag.handling()
-        within_s = self._gateway.application.storage.settings.read_within_s
         try:
-            async with asyncio.timeout(within_s):
+            async with asyncio.timeout(READ_WITHIN_S):
                 await self._context.write(content)
         except TimeoutError as error:
-            raise ClientGoneError(f"The client has read nothing for {within_s:g} s.") from error
+            raise ClientGoneError(f"The client has read nothing for {READ_WITHIN_S:g} s.") from error
 
     def name(self, message: Message) -> None:
         """Remember which resources the request is about, for the log."""

@@ -1,16 +1,13 @@
-"""Common parts of requests: pages, idempotency keys, digests. All raise ``InvalidRequestError``."""
+"""Common parts of requests: idempotency keys, digests. All raise ``InvalidRequestError``."""
 
-from typing import Annotated, TypeVar
+from typing import Annotated
 
 from google.protobuf.message import Message
 from pydantic import Field
 
-from fvs_schema.base import Model, Page
+from fvs_schema.base import Model
 from fvs_schema.names import Digest
-from fvs_schema.service import Limits
 from fvs_service.gateway.rpc.conversion import pick
-
-PageT = TypeVar("PageT", bound=Page)
 
 
 class _Keyed(Model):
@@ -21,12 +18,6 @@ class _Keyed(Model):
 
 class _OfImage(Model):
     digest: Digest
-
-
-def page_of(kind: type[PageT], request: Message, limits: Limits) -> PageT:
-    """The page that a request asks for, no longer than the limits allow."""
-    page = pick(kind, request)
-    return page.model_copy(update={"limit": min(page.limit, limits.page_items)})
 
 
 def idempotency_key(request: Message) -> str | None:

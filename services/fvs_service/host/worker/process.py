@@ -21,6 +21,8 @@ from fvs_service.host.worker.turns import Turns
 from fvs_service.jobs.fleet import HEARTBEAT_S
 from fvs_service.storage.notifications import Topic
 
+_POLL_S = 10.0
+"""Interval at which jobs are looked for whose notification was lost, or that lacked room."""
 _EXIT_REPLACED = 5
 
 _log = structlog.get_logger()
@@ -58,7 +60,7 @@ def run_worker(storage: Storage, worker_id: str, beat: Callable[[], None]) -> No
         turns.run,
         scenes.start_runner,
         slots=settings.worker.jobs_at_once,
-        poll_s=settings.worker.queue_poll_s,
+        poll_s=_POLL_S,
         has_room=lambda: not room.short,
     )
     sweeps = Sweeps(storage, scenes.without_jobs)

@@ -18,6 +18,8 @@ simulated scene of 11 images at 160 px: peaks of 570 MB and 110 MB."""
 _IDLE_GAUSSIAN_BYTES = 2 * 4 * 59
 _SHARE = 0.75
 _POLL_S = 0.25
+START_BYTES = 100_000_000
+"""Free disk space, beyond the reserve, that a job needs to start."""
 _LOOK_EVERY_S = 0.5
 
 
@@ -98,7 +100,7 @@ class Room:
     def __init__(self, settings: Settings) -> None:
         self._folder = settings.root
         self._reserve_bytes = settings.reserve_bytes
-        self._start_bytes = settings.reserve_bytes + settings.worker.start_bytes
+        self._start_bytes = settings.reserve_bytes + START_BYTES
         self._looked = float("-inf")
         self._free_bytes = 0
 
