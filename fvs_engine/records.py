@@ -3,6 +3,7 @@
 from pydantic import ConfigDict, ValidationError
 
 from fvs_schema.base import Model
+from fvs_schema.mistakes import plain_message
 
 
 class Record(Model):
@@ -15,4 +16,4 @@ def first_error(error: ValidationError, whole: str = "the file") -> str:
     """The first validation error of a record, as ``where: what``; ``whole`` names the record itself."""
     first = error.errors(include_url=False)[0]
     where = ".".join(str(part) for part in first["loc"]) or whole
-    return f"{where}: {first['msg'].removeprefix('Value error, ')}"
+    return f"{where}: {plain_message(first['type'], first['msg'], first.get('ctx', {}))}"

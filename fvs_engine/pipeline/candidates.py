@@ -3,7 +3,7 @@
 import json
 from collections.abc import Mapping, Sequence
 from pathlib import Path
-from typing import Annotated, Any
+from typing import Annotated, Any, Literal
 
 import numpy as np
 from pydantic import Field, PositiveFloat, PositiveInt, ValidationError
@@ -49,28 +49,32 @@ class CameraInput(Record):
 
 
 class PoseInput(Record):
-    """A candidate by its pose: model_from_camera of an OpenCV camera, in the model frame.
+    """The pose model_from_camera of an OpenCV camera, as the service has it, but in the model frame only."""
 
-    ``camera`` defaults to the one that most photographs have.
-    """
-
-    name: str = Field(min_length=1)
+    frame: Literal["model"] = "model"
     position: tuple[_Coordinate, _Coordinate, _Coordinate]
     orientation_wxyz: tuple[float, float, float, float]
+
+
+class CandidateInput(Record):
+    """A candidate by its pose; ``camera`` defaults to the one that most photographs have."""
+
+    id: str = Field(min_length=1)
+    pose: PoseInput
     camera: CameraInput | None = None
 
 
 class ViewInput(Record):
     """A candidate at the pose of a registered image, with the most common camera."""
 
-    name: str = Field(min_length=1)
+    id: str = Field(min_length=1)
     view: str
 
 
 def read_candidates(
     path: Path, views: Sequence[PinholeView], aliases: Mapping[str, str], *, most: int | None = None
 ) -> tuple[PinholeView, ...]:
-    """Read a candidates file: a JSON list of ``PoseInput`` and ``ViewInput``, or a transforms.json.
+    """Read a candidates file: a JSON list of ``CandidateInput`` and ``ViewInput``, or a transforms.json.
 
     ``aliases`` maps further names of views (those of the source folder) to the model's. Of a
     transforms.json the frames that are not views of the model become candidates; the views that both have
@@ -92,7 +96,7 @@ def read_candidates(
     else:
         raise InvalidInputError(
             f"{path} is neither a list of candidates nor a transforms.json.",
-            hint='Write [{"name": …, "position": [x, y, z], "orientation_wxyz": [w, x, y, z]}, …].',
+            hint='Write [{"id": …, "pose": {"position": [x, y, z], "orientation_wxyz": [w, x, y, z]}}, …].',
             path=path,
         )
     if not candidates:
@@ -151,7 +155,7 @@ def _parse(
     path: Path, index: int, entry: Any, by_name: Mapping[str, PinholeView], camera: PinholeCamera
 ) -> PinholeView:
     where = f"{path}, candidate {index}"
-    kind = ViewInput if isinstance(entry, dict) and "view" in entry else PoseInput
+    kind = ViewInput if isinstance(entry, dict) and "view" in entry else CandidateInput
     try:
         # Through JSON: only there does strict accept arrays for tuples.
         parsed = kind.model_validate_json(json.dumps(entry), strict=True)
@@ -163,17 +167,17 @@ def _parse(
             raise InvalidInputError(
                 f"{where}: the model has no view {parsed.view!r}.", hint="`fvs info DIR --json` lists them."
             )
-        return PinholeView(parsed.name, camera, view.camera_from_model)
+        return PinholeView(parsed.id, camera, view.camera_from_model)
     if parsed.camera is not None:
         camera = PinholeCamera(**parsed.camera.model_dump())
-    quaternion = np.array(parsed.orientation_wxyz)
+    quaternion = np.array(parsed.pose.orientation_wxyz)
     if abs(np.linalg.norm(quaternion) - 1.0) > _UNIT_TOLERANCE:
         raise InvalidInputError(
-            f"{where}, orientation_wxyz: its length is {np.linalg.norm(quaternion):.4g}, not 1.",
+            f"{where}, pose.orientation_wxyz: its length is {np.linalg.norm(quaternion):.4g}, not 1.",
             hint="Give a unit quaternion, w first.",
         )
-    model_from_camera = RigidTransform(matrix_from_quaternion(quaternion), np.array(parsed.position))
-    return PinholeView(parsed.name, camera, model_from_camera.inverse())
+    model_from_camera = RigidTransform(matrix_from_quaternion(quaternion), np.array(parsed.pose.position))
+    return PinholeView(parsed.id, camera, model_from_camera.inverse())
 
 
 def _from_transforms(

@@ -70,7 +70,7 @@ def test_a_flight_is_planned(run: Run, gateway: Any, scene_id: str, tmp_path: Pa
     snapshot_id = gateway.model(scene_id)
     lines = run("plan", scene_id, "--count", "8", "--views", "3").stdout.splitlines()
     assert lines[0].split()[:5] == ["vehicle", "stop", "id", "distance", "travel"]
-    assert [line.split()[:2] for line in lines[1:4]] == [["0", "1"], ["0", "2"], ["0", "3"]]
+    assert [line.split()[:2] for line in lines[1:4]] == [["1", "1"], ["1", "2"], ["1", "3"]]
     assert lines[-1].startswith("3 more photographs, ")
     assert lines[-1].endswith(f" on {snapshot_id}.")
     (listed,) = json.loads(run("plans", "list", scene_id, "--json").stdout)

@@ -64,8 +64,8 @@ def test_rankings_and_plans_become_missions(run: Run, gateway: Any, tmp_path: Pa
     assert "--geofence: a fence has 3 to 200 corners" in refused
     by_id = run("mission", planned["id"], "--format", "csv", "--out", tmp_path).stdout.strip()
     assert by_id == str(tmp_path / f"{planned['id']}.csv")
-    refused = run("mission", tour, "--vehicle", 1, expect=2).stderr
-    assert "The plan is for 1 vehicle; `--vehicle` counts from 0." in refused
+    refused = run("mission", tour, "--vehicle", 2, expect=2).stderr
+    assert "The plan is for 1 vehicle; `--vehicle` counts from 1." in refused
     written = run("mission", ranking, "--format", "csv", "--out", f"{tmp_path}/new/folder/").stdout.strip()
     assert written == str(tmp_path / "new" / "folder" / f"{ranking}.csv")
 

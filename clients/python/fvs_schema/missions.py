@@ -191,7 +191,7 @@ class PlanMissionOptions(MissionOptions):
     """How the mission of a plan is flown and written, and by which vehicle."""
 
     vehicle: Annotated[int, WHOLE] = Field(
-        default=0, ge=0, le=19, description="The vehicle of the plan, counted from 0."
+        default=1, ge=1, le=20, description="The vehicle of the plan, counted from 1."
     )
 
 

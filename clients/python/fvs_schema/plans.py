@@ -141,10 +141,10 @@ class Stop(Output):
 
 
 class Tour(Output):
-    """The flight of one vehicle, which is the `vehicle`-th of the request, from 0."""
+    """The flight of one vehicle, which is the `vehicle`-th of the request, from 1."""
 
     vehicle: Count
-    """The number of the vehicle, from 0."""
+    """The number of the vehicle, from 1."""
     stops: tuple[Stop, ...]
     """The candidates to photograph, in order."""
     length_m: Number

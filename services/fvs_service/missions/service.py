@@ -46,13 +46,13 @@ class Missions:
     def of_plan(self, principal: Principal, plan_id: str, options: PlanMissionOptions) -> MissionFile:
         """The stops of one vehicle of a plan; raises as ``of_ranking``."""
         plan = self._plans.get(principal, plan_id)
-        if options.vehicle >= len(plan.tours):
+        if options.vehicle > len(plan.tours):
             vehicles = "1 vehicle" if len(plan.tours) == 1 else f"{len(plan.tours)} vehicles"
-            wrong = FieldError("vehicle", f"the plan is for {vehicles}, counted from 0")
+            wrong = FieldError("vehicle", f"the plan is for {vehicles}, counted from 1")
             raise InvalidRequestError(
                 f"{wrong.field}: {wrong.message}.", hint="Name one of them.", errors=(wrong,)
             )
-        tour = plan.tours[options.vehicle]
+        tour = plan.tours[options.vehicle - 1]
         views = [MissionView(id=stop.id, pose=stop.pose, via=stop.via) for stop in tour.stops]
         frame = WorldFrame(plan.origin, plan.alignment)
         _require_sure_axes(plan.alignment, given=_given(plan.request.candidates))

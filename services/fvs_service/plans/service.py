@@ -248,7 +248,7 @@ def _plan(prepared: _Prepared, flight: PlannedFlight) -> Plan:
             if tour.stops and (last := tour.stops[-1].name)
             else (),
         )
-        for number, tour in enumerate(plan.tours)
+        for number, tour in enumerate(plan.tours, 1)
     )
     return Plan(
         id=new_id("pln"),

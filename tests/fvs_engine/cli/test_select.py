@@ -228,7 +228,7 @@ def test_a_time_limit_is_said(fvs: Fvs, room_dir: Path, tmp_path: Path) -> None:
     [
         (("--radius", 0.1), "; a radius of 0.3"),  # or 0.301, by the last bit of 0.3
         (("--radius", 3, "--nearest", 4), "give one of the two"),
-        (("--radius", 0), "radius: Input should be greater than 0"),
+        (("--radius", 0), "radius: it must be more than 0"),
         (("--budget", 100), "has only 21 to visit"),
         (("--initial", 22), "has only 21 views to visit, and the selection begins with 22"),
         (("--budget", 5), "must not be less than initial"),

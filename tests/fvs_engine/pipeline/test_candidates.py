@@ -1,4 +1,5 @@
 import json
+import math
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -12,7 +13,12 @@ from fvs_engine.pipeline.candidates import candidates_at, candidates_between, re
 from fvs_engine.scene.scene_model import usual_camera
 from fvs_engine.views import PinholeView
 
-POSE = {"name": "a", "position": [1, 2, 3], "orientation_wxyz": [0.5, 0.5, -0.5, 0.5]}
+PLACE = {"position": [1, 2, 3], "orientation_wxyz": [0.5, 0.5, -0.5, 0.5]}
+POSE = {"id": "a", "pose": PLACE}
+
+
+def _posed(**pose: Any) -> list[dict[str, Any]]:
+    return [{"id": "a", "pose": {**PLACE, **pose}}]
 
 
 @pytest.fixture
@@ -59,7 +65,7 @@ def test_a_camera_of_its_own(tmp_path: Path, views: tuple[PinholeView, ...]) -> 
 
 
 def test_known_views_by_either_name(tmp_path: Path, views: tuple[PinholeView, ...]) -> None:
-    document = [{"name": "x", "view": "03.png"}, {"name": "y", "view": "00.tif"}]
+    document = [{"id": "x", "view": "03.png"}, {"id": "y", "view": "00.tif"}]
     first, second = _read(tmp_path, document, views)
     np.testing.assert_array_equal(first.camera_from_model.rotation, views[3].camera_from_model.rotation)
     np.testing.assert_array_equal(
@@ -75,25 +81,21 @@ def test_known_views_by_either_name(tmp_path: Path, views: tuple[PinholeView, ..
         ('"x"', "neither a list of candidates nor"),
         ("[]", "holds no pose"),
         ([1], "candidate 0, the entry: "),
-        ([POSE, {}], "candidate 1, name: Field required"),
-        ([{**POSE, "yaw_deg": 3}], "candidate 0, yaw_deg: Extra inputs"),
-        ([{**POSE, "position": [1, 2]}], "candidate 0, position"),
-        ([{**POSE, "position": ["1", 2, 3]}], "candidate 0, position.0"),
-        ([{**POSE, "name": ""}], "candidate 0, name"),
-        ([{**POSE, "orientation_wxyz": [1, 1, 0, 0]}], "orientation_wxyz: its length is 1.414, not 1"),
-        ([{**POSE, "orientation_wxyz": [0, 0, 0, 0]}], "its length is 0, not 1"),
-        ('[{"name": "a", "position": [NaN, 0, 0], "orientation_wxyz": [1, 0, 0, 0]}]', "position.0.*finite"),
-        (
-            '[{"name": "a", "position": [1e999, 0, 0], "orientation_wxyz": [1, 0, 0, 0]}]',
-            "position.0.*finite",
-        ),
-        (
-            [{**POSE, "position": [0, -1e300, 0]}],
-            "candidate 0, position.1: .* greater than or equal to -1000000000",
-        ),
+        ([POSE, {}], "candidate 1, id: it is missing"),
+        ([{**POSE, "yaw_deg": 3}], "candidate 0, yaw_deg: there is no such field"),
+        ([{"id": "a", **PLACE}], "candidate 0, pose: it is missing"),
+        (_posed(frame="world"), "candidate 0, pose.frame: it must be 'model'"),
+        (_posed(position=[1, 2]), "candidate 0, pose.position"),
+        (_posed(position=["1", 2, 3]), "candidate 0, pose.position.0: it must be a number"),
+        ([{**POSE, "id": ""}], "candidate 0, id: it must not be empty"),
+        (_posed(orientation_wxyz=[1, 1, 0, 0]), "pose.orientation_wxyz: its length is 1.414, not 1"),
+        (_posed(orientation_wxyz=[0, 0, 0, 0]), "its length is 0, not 1"),
+        (json.dumps(_posed(position=[math.nan, 0, 0])), "position.0: it must be a finite number"),
+        (json.dumps(_posed(position=["far", 0, 0])).replace('"far"', "1e999"), "position.0: .* finite"),
+        (_posed(position=[0, -1e300, 0]), "candidate 0, pose.position.1: it must be at least -1000000000"),
         ([POSE, POSE], "two candidates called 'a'"),
-        ([{"name": "x", "view": "99.png"}], "no view '99.png'"),
-        ([{"name": "x", "view": "03.png", "position": [0, 0, 0]}], "position: Extra inputs"),
+        ([{"id": "x", "view": "99.png"}], "no view '99.png'"),
+        ([{"id": "x", "view": "03.png", "pose": PLACE}], "pose: there is no such field"),
         ([{**POSE, "camera": {"width": 0, "height": 1, "fx": 1, "fy": 1, "cx": 0, "cy": 0}}], "camera.width"),
     ],
 )
@@ -113,7 +115,7 @@ def test_a_missing_file_is_named(tmp_path: Path, views: tuple[PinholeView, ...])
 def test_a_quaternion_that_is_nearly_unit_gives_a_rotation(
     tmp_path: Path, views: tuple[PinholeView, ...]
 ) -> None:
-    (candidate,) = _read(tmp_path, [{**POSE, "orientation_wxyz": [0.9999, 0, 0, 0]}], views)
+    (candidate,) = _read(tmp_path, _posed(orientation_wxyz=[0.9999, 0, 0, 0]), views)
     np.testing.assert_allclose(candidate.camera_from_model.rotation, np.eye(3), atol=1e-12)
 
 

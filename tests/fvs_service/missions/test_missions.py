@@ -167,11 +167,11 @@ def test_a_plan_has_a_mission_for_each_vehicle(gateway: Any, scene: str, ranking
     path = f"/v1/plans/{plan['id']}/mission"
     flown = [
         [row["id"] for row in _rows(gateway.client.get(path, params={"format": "csv", "vehicle": number}))]
-        for number in (0, 1)
+        for number in (1, 2)
     ]
     assert flown == [[stop["id"] for stop in tour["stops"]] for tour in plan["tours"]]
-    beyond = gateway.client.get(path, params={"format": "csv", "vehicle": 2}).json()
-    assert beyond["errors"] == [{"field": "vehicle", "message": "the plan is for 2 vehicles, counted from 0"}]
+    beyond = gateway.client.get(path, params={"format": "csv", "vehicle": 3}).json()
+    assert beyond["errors"] == [{"field": "vehicle", "message": "the plan is for 2 vehicles, counted from 1"}]
 
 
 def test_a_scene_without_georeference_refuses_with_the_remedy(gateway: Any) -> None:

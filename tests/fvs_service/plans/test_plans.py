@@ -76,7 +76,7 @@ def test_vehicles_distance_and_home(gateway: Any, scene: str) -> None:
     candidates = _row(8)
     request = {"candidates": candidates, "views": 8, "vehicles": [_at(0.0), _at(9.0)]}
     both = _plan(gateway, scene, **request).json()["tours"]
-    assert [tour["vehicle"] for tour in both] == [0, 1]
+    assert [tour["vehicle"] for tour in both] == [1, 2]
     assert {stop["id"] for tour in both for stop in tour["stops"]} == {item["id"] for item in candidates}
     assert both[0]["stops"][0]["id"] == "c0"
     assert both[1]["stops"][0]["id"] == "c7"

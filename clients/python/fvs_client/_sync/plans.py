@@ -20,7 +20,7 @@ class Plan(Resource, PlanData):
         self,
         format: MissionFormat | str,  # noqa: A002
         *,
-        vehicle: int = 0,
+        vehicle: int = 1,
         **settings: Unpack[MissionSettings],
     ) -> MissionFile:
         """Get the stops of one vehicle, in their order, as a mission for an autopilot or a ground station.

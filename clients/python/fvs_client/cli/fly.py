@@ -27,7 +27,7 @@ from fvs_client.cli.options import (
     SceneArgument,
 )
 from fvs_client.cli.output import print_json
-from fvs_client.cli.poses import GeneratorName, GeneratorOption, generator_of, read_candidates
+from fvs_client.cli.poses import GENERATOR, FlightGenerator, generator_of, read_candidates
 from fvs_client.cli.program import Target
 from fvs_client.cli.session import find_scene, service
 from fvs_client.fly.errors import VehicleError
@@ -103,7 +103,7 @@ def fly(
         ),
     ] = None,
     method: MethodOption = "median-frequency",
-    generator: GeneratorOption = None,
+    generator: Annotated[FlightGenerator | None, GENERATOR] = None,
     count: Annotated[
         int | None, typer.Option(min=1, max=2_000, help="Number of candidates for orbit and around-current.")
     ] = None,
@@ -196,7 +196,7 @@ def fly(
             "Only plans keep away from the solid parts of the model: give --leg, of 2 or more.",
             param_hint="--safety",
         )
-    if leg > 1 and generator is GeneratorName.AROUND_CURRENT:
+    if leg > 1 and generator == "around-current":
         raise typer.BadParameter(
             "A plan has no candidates around a place: give another --generator, or --leg 1."
         )
@@ -214,7 +214,7 @@ def fly(
         vehicle=name,
         photographs=views,
         method=method,
-        generator=generator_of(generator or GeneratorName.ORBIT, count) if listed is None else None,
+        generator=generator_of(generator or "orbit", count) if listed is None else None,
         candidates=None if listed is None else tuple(listed),
         radius_m=radius,
         leg_views=leg,

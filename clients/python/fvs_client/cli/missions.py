@@ -43,8 +43,8 @@ def mission(
         str, typer.Option(metavar="PATH", help="File to write, or folder; a new folder ends with a slash.")
     ] = ".",
     vehicle: Annotated[
-        int, typer.Option(min=0, max=19, metavar="N", help="The vehicle of a plan, counted from 0.")
-    ] = 0,
+        int, typer.Option(min=1, max=20, metavar="N", help="The vehicle of a plan, counted from 1.")
+    ] = 1,
     first: Annotated[
         int | None, typer.Option(min=1, max=100_000, metavar="N", help="Only the first N views.")
     ] = None,
@@ -164,13 +164,13 @@ def _of_plan(
     wanted: MissionFormat,
     settings: dict[str, Any],
 ) -> MissionFile:
-    if vehicle >= len(plan.tours):
+    if vehicle > len(plan.tours):
         vehicles = "1 vehicle" if len(plan.tours) == 1 else f"{len(plan.tours)} vehicles"
         raise typer.BadParameter(
-            f"The plan is for {vehicles}; `--vehicle` counts from 0.", param_hint="--vehicle"
+            f"The plan is for {vehicles}; `--vehicle` counts from 1.", param_hint="--vehicle"
         )
     scene = client.scenes.get(plan.scene_id)
-    return scene.mission(plan.tours[vehicle], wanted, snapshot_id=plan.snapshot_id, **settings)
+    return scene.mission(plan.tours[vehicle - 1], wanted, snapshot_id=plan.snapshot_id, **settings)
 
 
 def _plan(path: Path) -> PlanData:

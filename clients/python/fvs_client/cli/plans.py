@@ -21,8 +21,9 @@ from fvs_client.cli.options import (
 )
 from fvs_client.cli.output import print_json, print_table
 from fvs_client.cli.poses import (
+    GENERATOR,
     FrameOption,
-    GeneratorOption,
+    PlanGenerator,
     generator_asked,
     read_candidates,
     read_pose,
@@ -40,7 +41,7 @@ def plan(
     context: typer.Context,
     scene: SceneArgument,
     candidates: CandidatesOption = None,
-    generator: GeneratorOption = None,
+    generator: Annotated[PlanGenerator | None, GENERATOR] = None,
     count: Annotated[
         int | None,
         typer.Option(min=1, max=2_000, help="Number of candidates for orbit and --volume."),

@@ -3,7 +3,7 @@
 import json
 from enum import StrEnum
 from pathlib import Path
-from typing import Annotated, Any, TypeVar
+from typing import Annotated, Any, Literal, TypeVar
 
 import pydantic
 import typer
@@ -22,13 +22,9 @@ _VOLUME_FORM = (
 _CANDIDATES_FORM = f'[{{"id": "left", "pose": {_POSE_FORM}}}, …]'
 
 
-class GeneratorName(StrEnum):
-    """Generators of candidates."""
-
-    ORBIT = "orbit"
-    GRID = "grid"
-    DATASET = "dataset"
-    AROUND_CURRENT = "around-current"
+PlanGenerator = Literal["orbit", "grid", "dataset", "in-volume"]
+FlightGenerator = Literal["orbit", "grid", "dataset", "around-current"]
+RankingGenerator = Literal[PlanGenerator, "around-current"]
 
 
 class FrameName(StrEnum):
@@ -39,10 +35,7 @@ class FrameName(StrEnum):
     GEODETIC = "geodetic"
 
 
-GeneratorOption = Annotated[
-    GeneratorName | None,
-    typer.Option("--generator", help="Generator of candidates.", show_default="orbit"),
-]
+GENERATOR = typer.Option("--generator", help="Generator of candidates.", show_default="orbit")
 FrameOption = Annotated[
     FrameName | None,
     typer.Option(
@@ -72,7 +65,7 @@ def read_volume(path: Path) -> Volume:
 
 def generator_asked(
     candidates: Path | None,
-    generator: GeneratorName | None,
+    generator: RankingGenerator | None,
     count: int | None,
     volume: Path | None,
     aim: str | None,
@@ -80,31 +73,33 @@ def generator_asked(
     level: bool,
 ) -> Generator | None:
     """The generator that the options ask for; None where they give candidates, or nothing."""
+    if generator == "in-volume":
+        if volume is None:
+            raise typer.BadParameter("in-volume needs a --volume.", param_hint="--generator")
+        generator = None
     if sum(given is not None for given in (candidates, generator, volume)) > 1:
         raise typer.BadParameter("Give --candidates, --generator or --volume, not both.")
     if volume is None and (aim is not None or level):
         raise typer.BadParameter("--aim and --level need a --volume: other candidates have their directions.")
-    if count is not None and (
-        candidates is not None or generator in (GeneratorName.GRID, GeneratorName.DATASET)
-    ):
+    if count is not None and (candidates is not None or generator in ("grid", "dataset")):
         raise typer.BadParameter("--count is for orbit, around-current and --volume.")
     if volume is not None:
         return _in_volume(volume, count, aim, level=level)
     if generator is not None or (candidates is None and count is not None):
-        return generator_of(generator or GeneratorName.ORBIT, count)
+        return generator_of(generator or "orbit", count)
     return None
 
 
-def generator_of(name: GeneratorName, count: int | None) -> Generator:
+def generator_of(name: FlightGenerator, count: int | None) -> Generator:
     """The generator with a name; ``count`` is that of its candidates, where it has one."""
     match name:
-        case GeneratorName.ORBIT:
+        case "orbit":
             return Orbit() if count is None else Orbit(count=count)
-        case GeneratorName.AROUND_CURRENT:
+        case "around-current":
             return AroundCurrent() if count is None else AroundCurrent(count=count)
-        case GeneratorName.GRID:
+        case "grid":
             return Grid()
-        case GeneratorName.DATASET:
+        case "dataset":
             return Dataset()
 
 

@@ -22,8 +22,9 @@ from fvs_client.cli.options import (
 )
 from fvs_client.cli.output import print_json, print_table
 from fvs_client.cli.poses import (
+    GENERATOR,
     FrameOption,
-    GeneratorOption,
+    RankingGenerator,
     generator_asked,
     read_candidates,
     read_pose,
@@ -42,7 +43,7 @@ def rank(
     context: typer.Context,
     scene: SceneArgument,
     candidates: CandidatesOption = None,
-    generator: GeneratorOption = None,
+    generator: Annotated[RankingGenerator | None, GENERATOR] = None,
     count: Annotated[
         int | None,
         typer.Option(min=1, max=2_000, help="Number of candidates for orbit, around-current and --volume."),

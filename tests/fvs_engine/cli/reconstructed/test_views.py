@@ -70,9 +70,9 @@ def test_ranking_of_a_file_where_one_view_sees_nothing(
     training = run.document["manifest"]["training"]
     known = training["test_views"][0]
     centre = np.mean([camera.projection_center() for camera in _images(out)], axis=0)
-    away = {"name": "away", "position": (centre + 1e6).tolist(), "orientation_wxyz": [1, 0, 0, 0]}
+    away = {"id": "away", "pose": {"position": (centre + 1e6).tolist(), "orientation_wxyz": [1, 0, 0, 0]}}
     candidates = tmp_path / "candidates.json"
-    candidates.write_text(json.dumps([away, {"name": "known", "view": known}]))
+    candidates.write_text(json.dumps([away, {"id": "known", "view": known}]))
     ranked = fvs("rank", out, "--candidates", candidates, "--out", tmp_path / "ranking", "--json")
     assert ranked.status == 0, ranked.stderr
     first, last = ranked.document["candidates"]
@@ -114,7 +114,7 @@ def test_a_plan_for_two_vehicles_within_a_distance(
     starts = [",".join(map(str, centre)) for centre in (centres[0], centres[-1])]
     targets = tmp_path / "targets.json"
     known = run.document["manifest"]["training"]["test_views"][0]
-    targets.write_text(json.dumps([{"name": "front", "view": known}]))
+    targets.write_text(json.dumps([{"id": "front", "view": known}]))
     options = ["--start", starts[0], "--start", starts[1], "--targets", targets, "--out", tmp_path / "plan"]
     planned = fvs("plan", out, "--views", 4, *options, "--json")
     assert planned.status == 0, planned.stderr
@@ -153,7 +153,7 @@ def test_plans_keep_names_of_any_characters(fvs: Fvs, first_run: tuple[Path, Any
     names = ["view one, 50%", "a b.jpg", "[red]x[/red]", "%20", "é/ü\\n"]
     candidates = tmp_path / "candidates, 100%.json"
     known = [image.name for image in _images(out)]
-    listed = [{"name": name, "view": view} for name, view in zip(names, known, strict=False)]
+    listed = [{"id": name, "view": view} for name, view in zip(names, known, strict=False)]
     candidates.write_text(json.dumps(listed))
     options = ["--candidates", candidates, "--targets", candidates, "--views", 5]
     run = fvs("plan", out, *options, "--out", tmp_path / "a plan, 50%", "--json")
@@ -237,9 +237,9 @@ def test_a_forecast_measures_variances_as_its_plan_does(
 ) -> None:
     """Candidates far away widen the plan's scale of distances; that of the photographs seen is the same."""
     held_out = [view.name for view in open_model(first_run[0]).held_out]
-    far = {"name": "far", "position": [500.0, 0.0, 0.0], "orientation_wxyz": [1, 0, 0, 0]}
+    far = {"id": "far", "pose": {"position": [500.0, 0.0, 0.0], "orientation_wxyz": [1, 0, 0, 0]}}
     file = tmp_path / "candidates.json"
-    file.write_text(json.dumps([*({"name": f"c{name}", "view": name} for name in held_out), far]))
+    file.write_text(json.dumps([*({"id": f"c{name}", "view": name} for name in held_out), far]))
     given: list[Any] = []
 
     def spied(targets: Any, budget: Any, starts: Any, seen: Any, *rest: Any) -> Any:
@@ -263,10 +263,10 @@ def test_a_plan_is_stopped(first_run: tuple[Path, Any], tmp_path: Path) -> None:
 
 def test_bad_candidates_and_no_candidates(fvs: Fvs, first_run: tuple[Path, Any], tmp_path: Path) -> None:
     candidates = tmp_path / "candidates.json"
-    candidates.write_text('[{"name": "a", "position": [0, 0, 0], "orientation_wxyz": [2, 0, 0, 0]}]')
+    candidates.write_text('[{"id": "a", "pose": {"position": [0, 0, 0], "orientation_wxyz": [2, 0, 0, 0]}}]')
     run = fvs("rank", first_run[0], "--candidates", candidates)
     assert run.status == EXIT_CODES["invalid-input"]
-    assert "candidates.json, candidate 0, orientation_wxyz: its length is 2, not 1." in run.stderr
+    assert "candidates.json, candidate 0, pose.orientation_wxyz: its length is 2, not 1." in run.stderr
 
 
 def test_candidates_of_two_sizes_cannot_be_compared(
@@ -275,7 +275,9 @@ def test_candidates_of_two_sizes_cannot_be_compared(
     pose = {"position": [0, 0, 0], "orientation_wxyz": [1, 0, 0, 0]}
     camera = {"width": 64, "height": 48, "fx": 70, "fy": 70, "cx": 32, "cy": 24}
     candidates = tmp_path / "candidates.json"
-    candidates.write_text(json.dumps([{"name": "a", **pose}, {"name": "b", **pose, "camera": camera}]))
+    candidates.write_text(
+        json.dumps([{"id": "a", "pose": pose}, {"id": "b", "pose": pose, "camera": camera}])
+    )
     run = fvs("rank", first_run[0], "--candidates", candidates, "--out", tmp_path / "ranking")
     assert run.status == EXIT_CODES["invalid-input"]
     assert "64 × 48" in run.stderr
