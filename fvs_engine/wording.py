@@ -205,6 +205,10 @@ WORDING: Mapping[FindingCode, tuple[str, str]] = {
         "Give poses of all photographs, or leave these out.",
     ),
     FindingCode.UNUSABLE_PHOTOGRAPH: ("Left out {images}: {why}", "{remedy}"),
+    FindingCode.WITHOUT_MASK: (
+        "{count} of the {of:.0f} photographs have no mask, and all of them counts: {images}.",
+        "Give each photograph a mask that shows something to leave out.",
+    ),
     FindingCode.ALREADY_TRAINED: (
         "Nothing to do: the model has had {iterations:,.0f} iterations already.",
         "Ask for more iterations to train it further.",

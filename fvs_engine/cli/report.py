@@ -204,11 +204,14 @@ def show_files(paths: Sequence[Path], *, machine: bool) -> None:
 
 def _facts(info: "FolderInfo") -> list[tuple[str, str]]:
     manifest, metrics = info.manifest, info.metrics
+    photographs = manifest.images.photographs
+    masked = sum(photograph.masked for photograph in photographs)
     facts = [
         ("folder", f"{info.folder} ({info.disk_bytes / 1e6:,.0f} MB, {info.stage})"),
         (
             "photographs",
-            f"{len(manifest.images.photographs)} used, {len(manifest.images.rejected)} left out",
+            f"{len(photographs)} used{f' ({masked} masked)' if masked else ''}, "
+            f"{len(manifest.images.rejected)} left out",
         ),
     ]
     if manifest.cameras is not None:

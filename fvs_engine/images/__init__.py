@@ -1,1 +1,1 @@
-"""Photographs on disk: reading, checking, normalising."""
+"""Photographs on disk: reading, checking, normalising, masks."""

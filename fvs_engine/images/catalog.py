@@ -11,6 +11,8 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.folders import require_folder
 from fvs_engine.images.focal import focal_length_px
 from fvs_engine.images.limits import ImageLimits, UnusableImageError
+from fvs_engine.images.masks import find_mask, mask_of
+from fvs_engine.images.names import is_mask
 from fvs_engine.images.pixels import decode
 from fvs_engine.monitor import Monitor
 from fvs_schema.quantities import MIN_SIDE_PX
@@ -46,7 +48,8 @@ class Photograph:
 
     ``name`` is its posix path below the folder; the size is that of the upright image; ``focal_px`` is EXIF's
     focal length in px, None without one; ``plain``: the file needs no conversion (8 bits, upright, JPEG or
-    PNG); ``format`` is that of the content, whatever the suffix.
+    PNG); ``format`` is that of the content, whatever the suffix. ``masked``: not all of it counts;
+    ``mask`` is the file with its mask, None without one.
     """
 
     path: Path
@@ -57,6 +60,8 @@ class Photograph:
     focal_px: float | None
     format: str
     plain: bool
+    masked: bool
+    mask: Path | None
 
 
 @dataclass(frozen=True)
@@ -90,17 +95,21 @@ def catalog_images(
 ) -> ImageCatalog:
     """Decode every image below ``folder`` and separate the usable ones from the rest.
 
-    Subfolders are searched; hidden files and folders are not, nor is the folder ``leave_out``. Of files with
-    the same content the first by name is kept. Progress is reported as stage ``images``. Raises
+    Subfolders are searched; hidden files and folders are not, nor is the folder ``leave_out``. What is in a
+    folder ``masks`` is no photograph, and rejected where it is the mask of none. Of files with the same
+    content the first by name is kept. Progress is reported as stage ``images``. Raises
     ``InvalidInputError`` when ``folder`` is not a readable folder, ``Cancelled``.
     """
     monitor = monitor or Monitor()
     candidates: list[str] = []
     rejected: list[RejectedImage] = []
     ignored: list[str] = []
+    masks: list[str] = []
     for name in _file_names(folder, leave_out):
         suffix = Path(name).suffix.lower()
-        if suffix in SUFFIXES:
+        if is_mask(name):
+            masks.append(name)
+        elif suffix in SUFFIXES:
             candidates.append(name)
         elif suffix in UNREADABLE_SUFFIXES:
             reason = f"{suffix[1:].upper()} files are not read here."
@@ -119,6 +128,12 @@ def catalog_images(
         else:
             first_with[result.sha256] = result.name
             photographs.append(result)
+    used = {find_mask(folder, name) for name in candidates} if masks else set()
+    for name in masks:
+        if folder / name not in used:
+            reason = "it is in a folder of masks, and no photograph has this name."
+            hint = "The mask of a.jpg is masks/a.png or masks/a.jpg.png. Move photographs to another folder."
+            rejected.append(RejectedImage(name, reason, hint))
     rejected.sort(key=lambda image: image.name)
     return ImageCatalog(folder, tuple(photographs), tuple(rejected), tuple(ignored))
 
@@ -181,6 +196,7 @@ def _examine(folder: Path, name: str) -> Photograph | RejectedImage:
     try:
         content = path.read_bytes()
         image = decode(content, _LIMITS)
+        masked = mask_of(folder, name) is not None
     except UnusableImageError as error:
         return RejectedImage(name, error.message, error.hint)
     except OSError as error:
@@ -197,4 +213,6 @@ def _examine(folder: Path, name: str) -> Photograph | RejectedImage:
         focal_px=focal_length_px(image.exif, width, height),
         format=image.format,
         plain=image.plain,
+        masked=masked,
+        mask=find_mask(folder, name),
     )

@@ -9,6 +9,14 @@ from fvs_engine.errors import InvalidInputError
 
 _LISTED = 8
 
+MASKS = "masks"
+"""The folder of masks, beside photographs."""
+
+
+def is_mask(name: str) -> bool:
+    """Whether the file of that path below a folder of photographs is a mask."""
+    return MASKS in PurePosixPath(name).parts[:-1]
+
 
 def listed(names: Sequence[str]) -> str:
     """The names for a message: the first few, and how many more there are."""
@@ -70,12 +78,12 @@ def match_names(names: Iterable[str], images: Mapping[str, str]) -> NameMatches:
 
 
 def match_files(names: Iterable[str], folder: Path) -> NameMatches:
-    """Match ``names`` to files below ``folder``; the result has the files' posix paths in it.
+    """Match ``names`` to files below ``folder`` but masks; the result has the files' posix paths in it.
 
     Raises ``InvalidInputError`` when a name is ambiguous.
     """
     paths = (path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
     files = [path.relative_to(folder).as_posix() for path in paths]
-    matches = match_names(names, dict(zip(files, files, strict=True)))
+    matches = match_names(names, {file: file for file in files if not is_mask(file)})
     matches.require_unambiguous()
     return matches

@@ -12,6 +12,8 @@ from urllib.parse import quote
 from PIL import Image
 
 from fvs_engine.images.catalog import Photograph
+from fvs_engine.images.masks import read_mask, write_mask
+from fvs_engine.images.names import MASKS
 from fvs_engine.images.pixels import decode
 from fvs_engine.monitor import Monitor
 from fvs_schema.stages import Stage
@@ -46,6 +48,8 @@ def normalise_images(
 ) -> Mapping[str, Path]:
     """Fill ``folder`` with the photographs, and return normalised name → path in the order given.
 
+    Their masks go to the folder ``masks`` beside it, where ``masks.find_mask`` finds them.
+
     A plain file is hard-linked (copied where that is not possible), so that its metadata and its bytes
     survive. Another one is decoded and encoded again with its EXIF, without the orientation: JPEG (quality
     98, full chroma) if it was lossy already, else PNG. Existing files are kept, so that an interrupted
@@ -58,12 +62,30 @@ def normalise_images(
         parent.mkdir(parents=True, exist_ok=True)
     executor = ThreadPoolExecutor(threads or os.cpu_count() or 1)
     try:
-        for done, _ in enumerate(executor.map(_write, photographs, paths.values()), start=1):
+        for done, _ in enumerate(executor.map(_write_both, photographs, paths.items()), start=1):
             monitor.report(Stage.NORMALISE, done, len(photographs))
             monitor.check()
     finally:
         executor.shutdown(cancel_futures=True)
     return paths
+
+
+def _write_both(photograph: Photograph, normalised: tuple[str, Path]) -> None:
+    name, path = normalised
+    _write(photograph, path)
+    file = _folder_of(path, name).with_name(MASKS) / f"{name}.png"
+    mask = None
+    if photograph.masked:
+        mask = read_mask(_folder_of(photograph.path, photograph.name), photograph.name)
+    if mask is None:
+        file.unlink(missing_ok=True)
+    else:
+        write_mask(mask, file)
+
+
+def _folder_of(path: Path, name: str) -> Path:
+    """The folder in which ``path`` has this name."""
+    return path.parents[len(PurePosixPath(name).parts) - 1]
 
 
 def _write(photograph: Photograph, path: Path) -> None:

@@ -148,9 +148,17 @@ def _decode_opened(image: Image.Image, content: bytes, limits: ImageLimits) -> D
     rgb = _to_rgb(image)
     if rgb is not image:
         image.close()
-    if orientation != 1:
-        rgb = rgb.transpose(_TRANSPOSITIONS[orientation])
-    return DecodedImage(rgb, image_format, plain, exif)
+    return DecodedImage(upright(rgb, orientation), image_format, plain, exif)
+
+
+def orientation_of(image: Image.Image) -> int:
+    """The EXIF orientation of an open image: 1, upright, where it has none."""
+    return _orientation(_exif(image))
+
+
+def upright(image: Image.Image, orientation: int) -> Image.Image:
+    """The image turned upright, as its EXIF ``orientation`` says."""
+    return image if orientation == 1 else image.transpose(_TRANSPOSITIONS[orientation])
 
 
 def _orientation(exif: Image.Exif) -> int:

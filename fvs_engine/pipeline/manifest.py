@@ -47,11 +47,16 @@ class ReconstructionSettings(Record):
 
 
 class ImageRecord(Record):
-    """One photograph that was used: its name in the source folder and in ``images/``."""
+    """One photograph that was used: its name in the source folder and in ``images/``.
+
+    ``masked``: not all of it counts; ``mask_sha256``: the digest of the file with its mask.
+    """
 
     name: str
     normalised_name: str
     sha256: str
+    masked: bool = False
+    mask_sha256: str | None = None
 
 
 class RejectionRecord(Record):

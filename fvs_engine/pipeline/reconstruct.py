@@ -1,5 +1,6 @@
 """Reconstruction of a folder of photographs: cameras and a trained splat; every stage can be resumed."""
 
+import hashlib
 from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError, NoImagesError, OutputExistsError
@@ -90,6 +91,9 @@ def reconstruct_folder(
             )
         )
     _require_photographs(catalog)
+    without = [photograph.name for photograph in catalog.photographs if not photograph.masked]
+    if 0 < len(without) < len(catalog.photographs):
+        monitor.warn(Finding.of(FindingCode.WITHOUT_MASK, without, of=len(catalog.photographs)))
 
     workspace = Workspace(out)
     with workspace.locked():
@@ -144,7 +148,11 @@ def _images_record(catalog: ImageCatalog) -> ImagesRecord:
         folder=str(catalog.folder.absolute()),
         photographs=tuple(
             ImageRecord(
-                name=photograph.name, normalised_name=normalised_name(photograph), sha256=photograph.sha256
+                name=photograph.name,
+                normalised_name=normalised_name(photograph),
+                sha256=photograph.sha256,
+                masked=photograph.masked,
+                mask_sha256=photograph.mask and hashlib.sha256(photograph.mask.read_bytes()).hexdigest(),
             )
             for photograph in catalog.photographs
         ),
@@ -183,6 +191,14 @@ def _require_compatible(
         changed.append(_counted(added, "new"))
     if removed:
         changed.append(_counted(removed, "gone"))
+    masks = {record.name: record.mask_sha256 for record in earlier.images.photographs}
+    masked = [
+        record.name
+        for record in images.photographs
+        if record.name in masks and masks[record.name] != record.mask_sha256
+    ]
+    if masked and settled:
+        changed.append(_counted(masked, "masked otherwise"))
     if changed:
         raise OutputExistsError(
             f"{workspace.root} holds another reconstruction: {'; '.join(changed)}.",

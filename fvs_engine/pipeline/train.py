@@ -23,9 +23,8 @@ from fvs_engine.pipeline.manifest import (
 from fvs_engine.pipeline.model import model_views, read_undistorted
 from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.scene.photographs import Photographs
-from fvs_engine.scene.quality import renders_of
+from fvs_engine.scene.quality import comparisons
 from fvs_engine.scene.scene_model import SceneModel, usual_camera
-from fvs_engine.splat.metrics import psnr, ssim
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_engine.splat.render import to_pixels
 from fvs_engine.splat.session import open_trainer, train_saving
@@ -157,16 +156,12 @@ def _evaluate(
     results = []
     folder = workspace.renders / "held-out"
     model = replace(SceneModel.of(trainer), sh_degree=trainer.gaussians.sh_degree)
-    for view, (render, photograph) in zip(
-        held_out, renders_of(model, held_out, rasterizer, monitor), strict=True
-    ):
-        results.append(
-            ViewMetrics(name=view.name, psnr_db=psnr(render, photograph), ssim=ssim(render, photograph))
-        )
-        path = folder / f"{view.name}.png"
+    for each in comparisons(model, held_out, rasterizer, monitor):
+        results.append(ViewMetrics(name=each.view.name, psnr_db=each.psnr_db, ssim=each.ssim))
+        path = folder / f"{each.view.name}.png"
         with storage_errors(path):
             path.parent.mkdir(parents=True, exist_ok=True)
-            Image.fromarray(np.concatenate([view.image, to_pixels(render)], axis=1)).save(path)
+            Image.fromarray(np.concatenate([each.view.image, to_pixels(each.render)], axis=1)).save(path)
     return Metrics(
         views=tuple(results),
         psnr_db=float(np.mean([view.psnr_db for view in results])) if results else None,

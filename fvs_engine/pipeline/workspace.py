@@ -2,8 +2,9 @@
 
 manifest.json                  settings, photographs, cameras, training so far
 images/                        the photographs, upright, 8-bit
+masks/                         their masks, as COLMAP names them: black is left out
 sfm/                           features, matches and the COLMAP model of the photographs
-undistorted/                   images/ and sparse/: pinhole cameras, opened by COLMAP and splat viewers
+undistorted/                   images/, masks/, sparse/: pinhole cameras, opened by COLMAP and splat viewers
 splat/checkpoint.safetensors   training resumes from here
 splat/point_cloud.ply          the Gaussians, in the layout that splat viewers read
 splat/point_cloud.spz          the same, compressed and rounded
@@ -33,6 +34,7 @@ _OWN_ENTRIES = frozenset(
         "manifest.json",
         "metrics.json",
         "images",
+        "masks",
         "sfm",
         "undistorted",
         "splat",

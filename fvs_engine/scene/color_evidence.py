@@ -4,6 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
+from fvs_engine.images.masks import read_mask, reduced_mask
 from fvs_engine.images.pixels import load_rgb
 from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.views import AnyView
@@ -37,6 +38,10 @@ def color_agreement(view: AnyView, seen: PointCloud, image_dir: Path) -> float |
     ]
     inside = (np.isfinite(pixels) & (pixels >= 0) & (pixels < [width, height])).all(axis=1)
     columns, rows = pixels[inside].astype(np.int64).T
+    mask = read_mask(image_dir, view.name)
+    if mask is not None:
+        inside[inside] &= reduced_mask(mask, (width, height))[rows, columns]
+        columns, rows = pixels[inside].astype(np.int64).T
     shown, known = photograph[rows, columns], seen.colors[ahead][inside].mean(axis=-1)
     if len(shown) < _MIN_POINTS or shown.std() == 0 or known.std() == 0:
         return None

@@ -13,7 +13,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.folders import require_folder
 from fvs_engine.geometry import Camera
 from fvs_engine.images.catalog import SUFFIXES
-from fvs_engine.images.names import match_files
+from fvs_engine.images.names import is_mask, match_files
 from fvs_engine.scene.sparse_points import SparsePoints, points_from_pycolmap
 from fvs_engine.sfm.colmap.imports import find_colmap_model, fit_camera, import_transforms_json
 from fvs_engine.sfm.colmap.model import (
@@ -157,11 +157,12 @@ def _camera_of(view: AnyView, photograph: Path) -> Camera:
 
 
 def _photograph_names(images: Path) -> set[str]:
-    return {
+    names = (
         path.relative_to(images).as_posix()
         for path in images.rglob("*")
         if path.suffix.lower() in SUFFIXES and not path.name.startswith(".")
-    }
+    )
+    return {name for name in names if not is_mask(name)}
 
 
 _MODELS = ("reference", "sparse/0", "sparse", "0", ".")

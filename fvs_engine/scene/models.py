@@ -1,7 +1,7 @@
 """The two models of a scene: trained on its present views, kept in its folder."""
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -68,7 +68,7 @@ class SceneModels:
         ``posed`` are the same views by name, with distortion.
         """
         self._views, self._points = views, points
-        digest = _digest(posed, points)
+        digest = _digest(posed, views, points)
         if digest != self._digest:
             self._digest, self._trained = digest, {}
 
@@ -158,11 +158,14 @@ def _owner(checkpoint: Path) -> _Owner | None:
         ) from error
 
 
-def _digest(posed: Mapping[str, AnyView], points: PointCloud) -> str:
+def _digest(posed: Mapping[str, AnyView], views: Sequence[TrainingView], points: PointCloud) -> str:
     digest = hashlib.sha256()
     for name, view in posed.items():
         digest.update(f"{name}\0{view.camera}\0".encode())
         digest.update(np.ascontiguousarray(view.camera_from_model.matrix).tobytes())
+    for masked in views:
+        if masked.mask is not None:
+            digest.update(f"{masked.name}\0mask\0".encode() + np.packbits(masked.mask).tobytes())
     digest.update(np.ascontiguousarray(points.xyz).tobytes())
     digest.update(np.ascontiguousarray(points.colors).tobytes())
     return digest.hexdigest()

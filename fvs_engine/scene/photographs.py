@@ -11,6 +11,7 @@ from torch.nn.functional import grid_sample
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import Camera, PinholeCamera, RigidTransform
+from fvs_engine.images.masks import Mask, read_mask, reduced_mask
 from fvs_engine.images.pixels import load_rgb, reduced_size
 from fvs_engine.monitor import Monitor
 from fvs_engine.splat.views import TrainingView
@@ -24,6 +25,9 @@ MAX_SHIFT_PX = 0.1
 
 _MAPS_KEPT = 4
 """Number of cached maps: each takes the memory of three images; global bundle adjustment needs new ones."""
+
+_ALL = 0.999
+"""Share of a pixel, up to rounding, that must count for it to count."""
 
 _ZOOMS = (0.5, 4.0)
 _ZOOM_STEPS = 30
@@ -58,7 +62,7 @@ class Photographs:
     def load(self, name: str, camera: Camera, camera_from_model: RigidTransform) -> TrainingView:
         """Load an image. Raises ``InvalidInputError`` when its size is not its camera's."""
         pinhole = self.pinhole(camera)
-        image = load_rgb(self._image_dir / name, self._long_side_px)
+        image, mask = load_rgb(self._image_dir / name, self._long_side_px), read_mask(self._image_dir, name)
         if image.shape[:2] != (pinhole.height, pinhole.width):
             raise InvalidInputError(
                 f"{self._image_dir / name} becomes {image.shape[1]}×{image.shape[0]} px, "
@@ -66,9 +70,13 @@ class Photographs:
                 hint="Give the images that the cameras were computed from.",
                 path=self._image_dir / name,
             )
+        if mask is not None and mask.shape != image.shape[:2]:
+            mask = reduced_mask(mask, (pinhole.width, pinhole.height))
         if not isinstance(camera, PinholeCamera):
-            image = _resampled(image, self._map(camera, pinhole))
-        return TrainingView(name, pinhole, camera_from_model, image)
+            where = self._map(camera, pinhole)
+            image = _resampled(image, where)
+            mask = None if mask is None else _resampled_mask(mask, where)
+        return TrainingView(name, pinhole, camera_from_model, image, mask)
 
     def load_all(self, views: Sequence[AnyView], monitor: Monitor) -> list[TrainingView]:
         """Load the images of ``views``. Stage ``load``; raises ``Cancelled`` and as ``load``."""
@@ -164,3 +172,10 @@ def _resampled(image: NDArray[np.uint8], where: Tensor) -> NDArray[np.uint8]:
     channels = torch.from_numpy(image).permute(2, 0, 1)[None].to(torch.float32)
     found = grid_sample(channels, where, mode="bicubic", padding_mode="border", align_corners=False)[0]
     return found.round_().clamp_(0, 255).to(torch.uint8).permute(1, 2, 0).contiguous().numpy()
+
+
+def _resampled_mask(mask: Mask, where: Tensor) -> Mask:
+    """The mask [H, W] at ``where``: a pixel counts where all do that it lies between."""
+    shares = torch.from_numpy(mask)[None, None].to(torch.float32)
+    found = grid_sample(shares, where, mode="bilinear", padding_mode="border", align_corners=False)
+    return np.asarray(found[0, 0] > _ALL)

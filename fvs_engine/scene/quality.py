@@ -17,6 +17,37 @@ from fvs_schema.stages import Stage
 Image = NDArray[np.float32]
 
 
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """The render of a view, [H, W, 3] in [0, 1], and its photograph likewise."""
+
+    view: TrainingView
+    render: Image
+    photograph: Image
+
+    @classmethod
+    def of(cls, model: SceneModel, view: TrainingView, rasterizer: Rasterizer) -> "Comparison":
+        """Render ``view`` and compare it with its photograph."""
+        return cls(view, model.render(view, rasterizer), view.image.astype(np.float32) / np.float32(255))
+
+    @property
+    def psnr_db(self) -> float:
+        """The peak signal-to-noise ratio in dB where the photograph counts."""
+        return psnr(self.render, self.photograph, self.view.mask)
+
+    @property
+    def ssim(self) -> float:
+        """The structural similarity where the photograph counts."""
+        return ssim(self.render, self.photograph, self.view.mask)
+
+    @property
+    def where_it_counts(self) -> tuple[Image, Image]:
+        """The render and the photograph, black where the photograph does not count."""
+        if self.view.mask is None:
+            return self.render, self.photograph
+        return self.render * self.view.mask[..., None], self.photograph * self.view.mask[..., None]
+
+
 @dataclass(frozen=True)
 class Quality:
     """Means over images: peak signal-to-noise ratio in dB, and structural similarity."""
@@ -29,8 +60,7 @@ def measure(
     model: SceneModel, views: Sequence[TrainingView], rasterizer: Rasterizer, monitor: Monitor
 ) -> Quality | None:
     """The quality at ``views``; None without any. Stage ``evaluate``; raises ``Cancelled``."""
-    pairs = renders_of(model, views, rasterizer, monitor)
-    found = [(psnr(render, photograph), ssim(render, photograph)) for render, photograph in pairs]
+    found = [(each.psnr_db, each.ssim) for each in comparisons(model, views, rasterizer, monitor)]
     return Quality(*np.mean(found, axis=0).tolist()) if found else None
 
 
@@ -38,19 +68,19 @@ def mean_psnr_db(
     model: SceneModel, views: Sequence[TrainingView], rasterizer: Rasterizer, monitor: Monitor
 ) -> float | None:
     """Like ``measure``, without the structural similarity, which takes longer than the render."""
-    pairs = renders_of(model, views, rasterizer, monitor)
-    found = [psnr(render, photograph) for render, photograph in pairs]
+    found = [each.psnr_db for each in comparisons(model, views, rasterizer, monitor)]
     return float(np.mean(found)) if found else None
 
 
-def renders_of(
+def comparisons(
     model: SceneModel, views: Sequence[TrainingView], rasterizer: Rasterizer, monitor: Monitor
-) -> Iterator[tuple[Image, Image]]:
-    """Renders of ``views`` and their photographs, [H, W, 3] in [0, 1]. Stage ``evaluate``."""
+) -> Iterator[Comparison]:
+    """Renders of ``views`` with their photographs, except where no pixel counts. Stage ``evaluate``."""
     with torch_threads_for(rasterizer.device):
         for done, view in enumerate(views, start=1):
             monitor.check()
-            yield model.render(view, rasterizer), view.image.astype(np.float32) / np.float32(255)
+            if not view.empty:
+                yield Comparison.of(model, view, rasterizer)
             monitor.report(Stage.EVALUATE, done, len(views))
 
 

@@ -68,10 +68,10 @@ def seeds_on_points(points: PointCloud, room: int) -> Seeds:
 
 
 def guessed_seeds(views: Sequence[TrainingView], room: int, seed: int) -> Seeds:
-    """Seeds on random rays through the images of ``views``, with their colours; at most ``room``.
+    """Seeds on random rays through the images of ``views``, where they count, with their colours.
 
-    Depths are log-uniform around the distance to the views' common focus. Only the visited images and their
-    views are used. Training moves, prunes and replaces these seeds.
+    At most ``room``. Depths are log-uniform around the distance to the views' common focus. Only the visited
+    images and their views are used. Training moves, prunes and replaces these seeds.
     """
     generator = np.random.default_rng([seed, len(views)])
     look_at = _common_focus(views)
@@ -83,8 +83,11 @@ def guessed_seeds(views: Sequence[TrainingView], room: int, seed: int) -> Seeds:
         pixels = generator.uniform(size=(count, 2)) * [camera.width, camera.height]
         typical = float(np.linalg.norm(view.centre - look_at))
         depths = typical * np.exp(generator.uniform(np.log(nearest), np.log(farthest), count))
-        xyz.append(view.camera_from_model.inverse().apply(camera.unproject(pixels, depths)))
         columns, rows = pixels.astype(np.int64).T
+        if view.mask is not None:
+            counts = view.mask[rows, columns]
+            pixels, depths, columns, rows = pixels[counts], depths[counts], columns[counts], rows[counts]
+        xyz.append(view.camera_from_model.inverse().apply(camera.unproject(pixels, depths)))
         colors.append(view.image[rows, columns])
     points = PointCloud(np.concatenate(xyz), np.concatenate(colors))
     return Seeds(points, point_spacing(points.xyz))

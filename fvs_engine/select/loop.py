@@ -285,7 +285,7 @@ class SelectionLoop:
         """The PSNR of a view's photograph, rendered by ``model``; None where it is unregistered."""
         for view in self.scene.views:
             if view.name == name:
-                return psnr(model.render(view, self.scene.rasterizer), view.image / 255.0)
+                return psnr(model.render(view, self.scene.rasterizer), view.image / 255.0, view.mask)
         return None
 
     def _add(self, names: Iterable[str], monitor: Monitor) -> tuple[tuple[Finding, ...], float]:

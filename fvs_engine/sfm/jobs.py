@@ -69,6 +69,9 @@ class ExtractFeatures(ImagesRequest[None]):
     """Whether images are upsampled twofold."""
 
     max_features: int
+    mask_dir: Path | None
+    """The folder of their masks, which all of them have, as COLMAP names them; None: they have none."""
+
     threads: int | None
 
 
@@ -146,7 +149,10 @@ class TriangulatePoints(Request[int]):
 
 
 class UndistortImages(Request[None]):
-    """Write a pinhole model to ``out_dir``/sparse, and the undistorted ``names`` to ``out_dir``/images."""
+    """Write a pinhole model to ``out_dir``/sparse, and the undistorted ``names`` to ``out_dir``/images.
+
+    Their undistorted masks go to ``out_dir``/masks.
+    """
 
     job = "undistort"
     model_dir: Path

@@ -14,6 +14,8 @@ import pycolmap
 
 from fvs_engine.errors import InvalidInputError, NativeJobError, NoImagesError
 from fvs_engine.files.atomic import write_text_atomically
+from fvs_engine.images.masks import find_mask
+from fvs_engine.images.names import MASKS
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.colmap.database import (
     delete_database,
@@ -49,6 +51,11 @@ class SfmFolder:
     def parts(self) -> Path:
         """Temporary databases of the processes that match images."""
         return self.root / "parts"
+
+    @property
+    def masks(self) -> Path:
+        """The masks of masked images, as COLMAP names them."""
+        return self.root / MASKS
 
     @property
     def calibrated(self) -> Path:
@@ -125,7 +132,8 @@ class Stages:
         Features are extracted anew when the set has become large or small, unless it is ``growing``.
 
         Results of other images or settings are deleted as far as they depend on them: when images are
-        added, features and matches are kept; when only the gate changes, the mappers' models are kept, too.
+        added, features and matches are kept; when masks change, those of the other images; when only the gate
+        changes, the mappers' models are kept, too.
         """
         names = list(dict.fromkeys(image_names))
         if len(names) < min_images:
@@ -150,8 +158,14 @@ class Stages:
             for key in ("features_of_few", "features_of_many", "camera_model", "intrinsics", "focal_prior")
         }
         sizes = {name: (self.image_dir / name).stat().st_size for name in names}
+        masks = {
+            name: hashlib.sha256(file.read_bytes()).hexdigest()
+            for name in names
+            if (file := find_mask(self.image_dir, name)) is not None
+        }
         kind = _digest(self.settings.features(len(names)).model_dump())
-        state = {"features": _digest(features), "images": sizes, "mapping": _digest([settings, names])}
+        state = {"features": _digest(features), "images": sizes, "masks": masks}
+        state["mapping"] = _digest([settings, names])
         mapping = {key: value for key, value in settings.items() if key not in _NOT_MAPPING}
         state["models"] = _digest([mapping, names])
         before: dict[str, Any] = {}
@@ -163,7 +177,9 @@ class Stages:
         if before.get("features") != state["features"] or changed:
             delete_database(self.folder.database)
         elif self.folder.database.exists():
-            self.folder.remove_images(image_ids(self.folder.database).keys() - sizes.keys())
+            known = masks if growing else before.get("masks", {})  # which begins before there is a state
+            remasked = {name for name in names if known.get(name) != masks.get(name)}
+            self.folder.remove_images((image_ids(self.folder.database).keys() - sizes.keys()) | remasked)
         if before.get("models") != state["models"] or changed:
             delete_database(self.folder.calibrated)
             shutil.rmtree(self.folder.root / _MAPPING, ignore_errors=True)

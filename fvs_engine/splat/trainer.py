@@ -4,7 +4,7 @@ import math
 import time
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -28,7 +28,7 @@ from fvs_engine.splat.densification import (
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.losses import photometric_loss
 from fvs_engine.splat.optimiser import GaussianAdam, learning_rates_at
-from fvs_engine.splat.raster.interface import Rasterizer
+from fvs_engine.splat.raster.interface import Rasterizer, Rendering
 from fvs_engine.splat.settings import TrainingSettings
 from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.view_order import ViewOrder
@@ -46,10 +46,35 @@ _DIVERGED_HINT = (
 
 @dataclass(frozen=True, eq=False)
 class _Target:
-    """The target of a view at the present level: ``image`` [H, W, 3] uint8."""
+    """The target of a view at the present level: ``image`` [H, W, 3] uint8.
+
+    ``mask`` [H, W, 1] is 1 where the image counts, and 0 where it does not and is black; None: all counts.
+    """
 
     camera: PinholeCamera
     image: Tensor
+    mask: Tensor | None
+
+    @staticmethod
+    def of(view: TrainingView, device: torch.device) -> "_Target":
+        image = torch.tensor(view.image, device=device)
+        if view.mask is None:
+            return _Target(view.camera, image, None)
+        mask = torch.tensor(view.mask, device=device)[..., None]
+        return _Target(view.camera, image * mask, mask.to(torch.float32))
+
+    def loss(self, rendering: Rendering, ssim_weight: float) -> Tensor:
+        """The loss of a rendering. Both images are black where nothing counts, and nothing is lost there."""
+        color = rendering.color if self.mask is None else rendering.color * self.mask
+        return photometric_loss(color, self.image, ssim_weight)
+
+    def seen(self, rendering: Rendering) -> Rendering:
+        """The rendering, after the backward pass, without the Gaussians that no pixel showed that counts."""
+        gradient = rendering.screen_means.grad if rendering.screen_means is not None else None
+        if self.mask is None or gradient is None:
+            return rendering
+        counts = (gradient != 0).any(dim=1)
+        return replace(rendering, radii_px=rendering.radii_px.detach() * counts)
 
 
 class Trainer:
@@ -113,8 +138,7 @@ class Trainer:
             self._reduction, self._targets = reduction, {}
         if index not in self._targets:
             reduced = self.views[index].reduced(reduction)
-            image = torch.tensor(reduced.image, device=self.rasterizer.device)
-            self._targets[index] = _Target(reduced.camera, image)
+            self._targets[index] = _Target.of(reduced, self.rasterizer.device)
         return self._targets[index]
 
     def train(self, until_iteration: int, monitor: Monitor, stage: Stage = Stage.TRAINING) -> None:
@@ -154,7 +178,7 @@ class Trainer:
         rendering = self.rasterizer.render(
             gaussians, target.camera, view.camera_from_model, sh_degree=sh_degree
         )
-        loss = photometric_loss(rendering.color, target.image, settings.ssim_weight)
+        loss = target.loss(rendering, settings.ssim_weight)
         value = loss.item()
         if not math.isfinite(value):
             raise TrainingError(
@@ -163,6 +187,7 @@ class Trainer:
             )
         if loss.requires_grad:
             loss.backward()  # type: ignore[no-untyped-call]
+            rendering = target.seen(rendering)
         rules = settings.densification
         if self.iteration < rules.last_iteration:
             self.statistics.add(rendering)

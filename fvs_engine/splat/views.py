@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera
+from fvs_engine.images.masks import Mask, reduced_mask
 from fvs_engine.images.pixels import reduced_rgb, reduced_size
 from fvs_engine.views import View
 
@@ -21,10 +22,12 @@ MIN_LONG_SIDE_PX = 64
 class TrainingView(View[PinholeCamera]):
     """A view with its undistorted photograph: ``image`` [H, W, 3] uint8, of exactly the camera's size.
 
+    ``mask`` [H, W] is True where the image counts; None: all of it.
     Raises ``InvalidInputError`` when image and camera do not fit.
     """
 
     image: NDArray[np.uint8]
+    mask: Mask | None = None
 
     def __post_init__(self) -> None:
         expected = (self.camera.height, self.camera.width, 3)
@@ -42,7 +45,14 @@ class TrainingView(View[PinholeCamera]):
         size = reduced_size(self.camera.width, self.camera.height, wanted_px)
         if size == (self.camera.width, self.camera.height):
             return self
-        return replace(self, camera=self.camera.resized(*size), image=reduced_rgb(self.image, size))
+        mask = None if self.mask is None else reduced_mask(self.mask, size)
+        image = reduced_rgb(self.image, size)
+        return replace(self, camera=self.camera.resized(*size), image=image, mask=mask)
+
+    @property
+    def empty(self) -> bool:
+        """Whether no pixel of the image counts."""
+        return self.mask is not None and not self.mask.any()
 
 
 def scene_extent(views: Sequence[TrainingView], points: NDArray[np.float32]) -> float:

@@ -76,6 +76,7 @@ class FindingCode(Word):
     VIEWS_WITHOUT_PHOTOGRAPH = "views-without-photograph"
     PHOTOGRAPHS_WITHOUT_POSE = "photographs-without-pose"
     UNUSABLE_PHOTOGRAPH = "unusable-photograph"
+    WITHOUT_MASK = "without-mask"
 
     FEW_STARTS = "few-starts"
     ALREADY_TRAINED = "already-trained"

@@ -8,10 +8,10 @@ from numpy.typing import ArrayLike
 from fvs_engine.lab.evaluate.results import Evaluation, Repeat, ViewQuality
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.photographs import Photographs
+from fvs_engine.scene.quality import Comparison
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.select.candidate_views import align
 from fvs_engine.select.loop import SelectionLoop
-from fvs_engine.splat.metrics import psnr, ssim
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.views import TrainingView
@@ -108,16 +108,16 @@ def aligned_views(loop: SelectionLoop, names: Sequence[str]) -> Iterable[Trainin
 
 def psnr_at(model: SceneModel, view: TrainingView, rasterizer: Rasterizer) -> float:
     """PSNR of the model's render of a view against its photograph."""
-    return psnr(model.render(view, rasterizer), view.image.astype(np.float32) / 255)
+    return Comparison.of(model, view, rasterizer).psnr_db
 
 
 def _quality(
     model: SceneModel, view: TrainingView, rasterizer: Rasterizer, lpips: Lpips | None
 ) -> ViewQuality:
-    render, photograph = model.render(view, rasterizer), view.image.astype(np.float32) / 255
+    found = Comparison.of(model, view, rasterizer)
     return ViewQuality(
         name=view.name,
-        psnr_db=psnr(render, photograph),
-        ssim=ssim(render, photograph),
-        lpips=None if lpips is None else lpips(render, photograph),
+        psnr_db=found.psnr_db,
+        ssim=found.ssim,
+        lpips=None if lpips is None else lpips(*found.where_it_counts),
     )

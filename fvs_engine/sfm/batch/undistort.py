@@ -20,10 +20,10 @@ _JPEG_QUALITY = 99
 def undistort(reconstruction_dir: Path, image_dir: Path, out_dir: Path, monitor: Monitor) -> Reconstruction:
     """Undistort the posed images of the COLMAP model in ``reconstruction_dir``.
 
-    ``out_dir`` gets ``sparse`` (a COLMAP model with pinhole cameras) and ``images`` (the same names); it
-    appears when it is whole, and an existing one is kept. Progress is stage ``undistort``.
-    Raises ``StorageError`` for a damaged model, ``CulpritError`` when a single image crashes it,
-    ``ReconstructionError``, ``Cancelled``.
+    ``out_dir`` gets ``sparse`` (a COLMAP model with pinhole cameras), ``images`` (the same names) and the
+    ``masks`` of masked ones; it appears when it is whole, and an existing one is kept. Progress is stage
+    ``undistort``. Raises ``StorageError`` for a damaged model, ``CulpritError`` when a single image crashes
+    it, ``ReconstructionError``, ``Cancelled``.
     """
     sparse = out_dir / "sparse"
     if has_colmap_model(sparse):

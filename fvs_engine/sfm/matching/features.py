@@ -1,4 +1,7 @@
-"""Stage one: cameras, shared by images of equal size and focal length, and SIFT features of every image."""
+"""Stage one: cameras, shared by images of equal size and focal length, and SIFT features of every image.
+
+What the mask of an image leaves out has none.
+"""
 
 import math
 from collections.abc import Sequence
@@ -11,6 +14,7 @@ from PIL import Image
 
 from fvs_engine.errors import InvalidInputError, ReconstructionError
 from fvs_engine.images.focal import focal_length_px
+from fvs_engine.images.masks import read_mask, write_mask
 from fvs_engine.sfm.colmap.database import count_rows, feature_counts, image_cameras
 from fvs_engine.sfm.jobs import ExtractFeatures, ImportImages
 from fvs_engine.sfm.settings import FeatureSettings, FocalPrior, SfmSettings
@@ -50,19 +54,18 @@ def add_features(stages: Stages, names: Sequence[str], settings: FeatureSettings
         done = set(feature_counts(database))
         settings = settings or stages.settings.features(len(names))
         missing = [name for name in names if name not in done]
-        small, large = _by_size(stages.image_dir, missing, settings)
-        for some, upsampled in ((small, True), (large, False)):
-            if some:
-                request = ExtractFeatures(
-                    database=database,
-                    image_dir=stages.image_dir,
-                    names=tuple(some),
-                    max_image_size_px=settings.max_image_size_px,
-                    upsampled=upsampled,
-                    max_features=settings.max_features,
-                    threads=stages.settings.threads,
-                )
-                _extract(stages, request, names, [name for name in names if name in done])
+        for (upsampled, masked), some in _by_kind(stages, missing, settings):
+            request = ExtractFeatures(
+                database=database,
+                image_dir=stages.image_dir,
+                names=tuple(some),
+                max_image_size_px=settings.max_image_size_px,
+                upsampled=upsampled,
+                max_features=settings.max_features,
+                mask_dir=stages.folder.masks if masked else None,
+                threads=stages.settings.threads,
+            )
+            _extract(stages, request, names, [name for name in names if name in done])
     stages.monitor.report(Stage.FEATURES, len(names), len(names))
 
 
@@ -78,15 +81,19 @@ def _extract(stages: Stages, request: ExtractFeatures, names: Sequence[str], har
     )
 
 
-def _by_size(image_dir: Path, names: Sequence[str], settings: FeatureSettings) -> tuple[list[str], list[str]]:
-    """The images that are upsampled for their features, and the others, each in their order."""
-    small: list[str] = []
-    large: list[str] = []
+def _by_kind(
+    stages: Stages, names: Sequence[str], settings: FeatureSettings
+) -> list[tuple[tuple[bool, bool], list[str]]]:
+    """The images by whether they are upsampled, and whether they have a mask, which is written for COLMAP."""
+    kinds: dict[tuple[bool, bool], list[str]] = {}
     for name in names:
-        width, height, _ = _header(image_dir / name)
+        width, height, _ = _header(stages.image_dir / name)
         side_px = min(max(width, height), settings.max_image_size_px)
-        (small if side_px < settings.upsample_below_px else large).append(name)
-    return small, large
+        mask = read_mask(stages.image_dir, name)
+        if mask is not None:
+            write_mask(mask, stages.folder.masks / f"{name}.png")
+        kinds.setdefault((side_px < settings.upsample_below_px, mask is not None), []).append(name)
+    return sorted(kinds.items(), reverse=True)
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,8 +7,11 @@ from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pycolmap
 
+from fvs_engine.images.masks import read_mask, write_mask
+from fvs_engine.images.names import MASKS
 from fvs_engine.sfm.colmap.database import delete_database, image_ids, remove_images
 from fvs_engine.sfm.jobs import (
     CalibrateViewGraph,
@@ -46,8 +49,16 @@ def extract(request: ExtractFeatures, _report: Report) -> None:
     options.use_gpu = False
     options.sift.max_num_features = request.max_features
     options.sift.first_octave = -1 if request.upsampled else 0
-    names = list(request.names)
-    pycolmap.extract_features(request.database, request.image_dir, names, extraction_options=options)
+    reader = pycolmap.ImageReaderOptions()
+    if request.mask_dir is not None:
+        reader.mask_path = request.mask_dir
+    pycolmap.extract_features(
+        request.database,
+        request.image_dir,
+        list(request.names),
+        reader_options=reader,
+        extraction_options=options,
+    )
 
 
 def calibrate(request: CalibrateViewGraph, _report: Report) -> bool:
@@ -167,6 +178,24 @@ def undistort(request: UndistortImages, _report: Report) -> None:
     shutil.rmtree(request.out_dir / "stereo", ignore_errors=True)
     for script in request.out_dir.glob("run-colmap-*.sh"):
         script.unlink()
+    _undistort_masks(request)
+
+
+def _undistort_masks(request: UndistortImages) -> None:
+    """Undistort the masks as COLMAP undistorts the images, whose empty pixels are masked, too."""
+    masks = {name: mask for name in request.names if (mask := read_mask(request.image_dir, name)) is not None}
+    if not masks:
+        return
+    model = pycolmap.Reconstruction(request.model_dir)
+    for image in model.images.values():
+        if image.name not in masks:
+            continue
+        mask, camera = masks[image.name], model.cameras[image.camera_id]
+        if camera.model != pycolmap.CameraModelId.PINHOLE:  # else the image is copied
+            grey = pycolmap.Bitmap.from_array(mask.astype(np.uint8) * np.uint8(255))
+            found, _ = pycolmap.undistort_image(pycolmap.UndistortCameraOptions(), grey, camera)
+            mask = found.to_array() == 255
+        write_mask(mask, request.out_dir / MASKS / f"{image.name}.png")
 
 
 JOBS: Mapping[str, Callable[..., Any]] = {

@@ -233,3 +233,20 @@ def test_help_is_quick_because_it_imports_no_engine() -> None:
         "heavy = {'torch', 'numba', 'pycolmap', 'scipy', 'numpy'} & set(sys.modules); assert not heavy, heavy"
     )
     subprocess.run([sys.executable, "-c", code], check=True)
+
+
+def test_masks_that_cannot_be_used_leave_their_photographs_out(fvs: Fvs, folder: Path, out: Path) -> None:
+    (folder / "masks").mkdir()
+    for seed, name in enumerate(("small", "black", "lost")):
+        _noise(folder / f"{name}.jpg", seed)
+    Image.new("L", (100, 100), 255).save(folder / "masks" / "small.png")
+    Image.new("L", (320, 240)).save(folder / "masks" / "black.png")
+    Image.new("L", (320, 240)).save(folder / "masks" / "lots.png")
+    run = fvs("reconstruct", folder, "--out", out)
+    _expect(run, "no-images", "only one usable photograph, lost.jpg")
+    for fragment in (
+        "small.jpg: its mask masks/small.png has 100×100 px, the photograph 320×240 px",
+        "black.jpg: its mask leaves out every pixel",
+        "masks/lots.png: it is in a folder of masks, and no photograph has this name",
+    ):
+        assert fragment in " ".join(run.stderr.split())

@@ -160,3 +160,14 @@ def test_two_views_cannot_share_a_photograph(tmp_path: Path) -> None:
     file = write_transforms(tmp_path / "transforms.json", **{"left/a.png": np.eye(4).tolist()})
     with pytest.raises(InvalidInputError, match=r"images/a\.png may mean a\.png, and so may left/a\.png"):
         read_dataset(images, transforms=file)
+
+
+def test_masks_are_no_photographs(tmp_path: Path) -> None:
+    images = write_photographs(tmp_path / "photographs")
+    write_photographs(images / "masks", (*NAMES, "x.png"))
+    file = write_transforms(
+        tmp_path / "transforms.json"
+    )  # of images/a.png: the name of a mask and a photograph
+    dataset = read_dataset(images, transforms=file)
+    assert dataset.names == ("a.png", "b.png")
+    assert [warning.images for warning in dataset.warnings] == [("images/gone.png",), ("c.png",)]

@@ -96,3 +96,24 @@ def test_photographs_that_do_not_fit_their_cameras(ramp: Path) -> None:
     folded = DistortedCamera("SIMPLE_RADIAL", WIDTH, HEIGHT, (20.0, 60.0, 45.0, -30.0))
     with pytest.raises(InvalidInputError, match="No pinhole view"):
         Photographs(ramp, 60).pinhole(folded)
+
+
+@pytest.mark.parametrize("camera", [BARREL, FISHEYE, PinholeCamera(WIDTH, HEIGHT, 100, 100, 60, 45)])
+@pytest.mark.parametrize("long_side_px", [WIDTH, 45])
+def test_a_mask_is_undistorted_and_reduced_with_its_photograph(
+    ramp: Path, camera: Camera, long_side_px: int
+) -> None:
+    counts = np.ones((HEIGHT, WIDTH), dtype=bool)
+    counts[20:60, 30:80] = False
+    with Image.open(ramp / "ramp.png") as image:
+        shown = np.where(counts[..., None], np.asarray(image) * 0 + 200, np.uint8(0))
+    Image.fromarray(shown.astype(np.uint8)).save(ramp / "ramp.png")
+    assert Photographs(ramp, long_side_px).load("ramp.png", camera, IDENTITY).mask is None
+    (ramp / "masks").mkdir()
+    Image.fromarray(counts).save(ramp / "masks" / "ramp.png")
+    view = Photographs(ramp, long_side_px).load("ramp.png", camera, IDENTITY)
+    assert view.mask is not None
+    assert view.mask.shape == view.image.shape[:2]
+    bright = view.image[..., 0] > 150
+    assert view.image[..., 0][view.mask].min() > 150, "nothing black counts"
+    assert (bright & ~view.mask).mean() < 0.08, "but all that is away from it"

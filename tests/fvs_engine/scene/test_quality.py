@@ -63,3 +63,18 @@ def test_views_are_measured_all_over(blob: Gaussians, rasterizer: Rasterizer) ->
     views = _views(blob, rasterizer, 9)
     assert [view.name for view in evenly_spaced(views, 3)] == ["0.png", "4.png", "8.png"]
     assert evenly_spaced(views, 9) == views
+
+
+def test_quality_is_measured_where_photographs_count(blob: Gaussians, rasterizer: Rasterizer) -> None:
+    views = _views(blob, rasterizer, 3)
+    right = np.tile(np.arange(32) >= 16, (24, 1))
+    covered = [
+        replace(view, image=np.where(right[..., None], view.image, np.uint8(255)), mask=right)
+        for view in views
+    ]
+    nowhere = replace(views[0], image=255 - views[0].image, mask=np.zeros_like(right))
+    found = measure(_model(blob), [*covered, nowhere], rasterizer, Monitor())
+    assert found is not None
+    assert found.psnr_db > 50
+    assert found.ssim > 0.99
+    assert measure(_model(blob), [nowhere], rasterizer, Monitor()) is None

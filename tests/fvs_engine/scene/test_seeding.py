@@ -1,3 +1,5 @@
+from dataclasses import replace
+
 import numpy as np
 from numpy.typing import NDArray
 
@@ -80,3 +82,13 @@ def test_cameras_that_look_apart_guess_ahead_of_themselves() -> None:
     for i, one in enumerate(apart):
         own = seeds.points.xyz[i * GUESSES_PER_VIEW : (i + 1) * GUESSES_PER_VIEW]
         assert (one.camera_from_model.apply(own)[:, 2] > 0).all()
+
+
+def test_guesses_are_where_photographs_count() -> None:
+    whole = [view("a", [5.0, 0, 1], 10), view("b", [0, 5.0, 1], 200)]
+    mask = np.tile(np.arange(40) < 10, (30, 1))
+    seeds = guessed_seeds([replace(whole[0], mask=mask), whole[1]], 100_000, seed=0)
+    assert 0.2 < (seeds.points.colors == 10).mean() / (1 - (seeds.points.colors == 10).mean()) < 0.3
+    first = seeds.points.xyz[seeds.points.colors[:, 0] == 10]
+    pixels = whole[0].camera.project(whole[0].camera_from_model.apply(first))
+    assert pixels[:, 0].max() < 10

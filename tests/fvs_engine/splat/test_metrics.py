@@ -34,3 +34,18 @@ def test_ssim_falls_with_noise_and_is_symmetric() -> None:
 def test_shapes_must_agree() -> None:
     with pytest.raises(InvalidInputError, match="cannot be compared"):
         psnr(np.zeros((4, 4, 3)), np.zeros((4, 5, 3)))
+
+
+def test_only_what_counts_is_compared() -> None:
+    draw = np.random.default_rng(3)
+    a, b = draw.random((2, 24, 30, 3))
+    mask = np.zeros((24, 30), dtype=bool)
+    mask[:, :12] = True
+    other = np.where(mask[..., None], b, draw.random(b.shape))
+    assert psnr(a, b, mask) == psnr(a, other, mask) == pytest.approx(psnr(a[:, :12], b[:, :12]))
+    assert ssim(a, b, mask) == pytest.approx(ssim(a, other, mask))
+    assert ssim(a, np.where(mask[..., None], a, b), mask) == pytest.approx(1.0)
+    assert psnr(a, b, np.ones_like(mask)) == pytest.approx(psnr(a, b))
+    for metric in (psnr, ssim):
+        with pytest.raises(InvalidInputError, match="every pixel"):
+            metric(a, b, np.zeros_like(mask))

@@ -1,4 +1,5 @@
 from collections.abc import Callable
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -190,3 +191,45 @@ def test_extent_is_the_cameras_spread_or_the_distance_to_the_points(scene_views:
     assert scene_extent(scene_views, np.zeros((1, 3), np.float32)) == pytest.approx(1.1 * 4.0)
     points = np.zeros((5, 3), np.float32)
     assert scene_extent(scene_views[:1], points) == pytest.approx(4.0)
+
+
+def _masked(view: TrainingView, seed: int) -> TrainingView:
+    """The view with a mask, and with noise where it does not count."""
+    hidden = np.zeros((40, 48), dtype=bool)
+    hidden[5:30, 10:35] = True
+    noise = np.random.default_rng(seed).integers(0, 256, view.image.shape, dtype=np.uint8)
+    image = np.where(hidden[..., None], noise, view.image)
+    return replace(view, image=image, mask=~hidden)
+
+
+def test_what_a_mask_leaves_out_has_no_influence(scene_views: Views, start: Start, cpu: Rasterizer) -> None:
+    sets = [[_masked(view, seed) for view in scene_views[:3]] + list(scene_views[3:]) for seed in (1, 2)]
+    trainers = [Trainer(views, start(1), SETTINGS, cpu) for views in sets]
+    for trainer in trainers:
+        trainer.train(60, Monitor())
+    assert_equal(*trainers)
+    # At half the size the filter mixes photograph and noise in the pixels beside the mask.
+    halves = [_masked(scene_views[0], seed).reduced(2) for seed in (1, 2)]
+    assert all(half.mask is not None and half.mask.shape == half.image.shape[:2] for half in halves)
+
+
+def test_gaussians_that_only_masked_pixels_show_are_not_seen(
+    scene_views: Views, start: Start, cpu: Rasterizer
+) -> None:
+    mask = np.zeros((40, 48), dtype=bool)
+    mask[:, 40:] = True
+    trainer = Trainer(
+        [replace(scene_views[0], mask=mask)], start(0), SETTINGS.model_copy(update={"sh_degree": 0}), cpu
+    )
+    before = {name: tensor.detach().clone() for name, tensor in trainer.gaussians.tensors().items()}
+    trainer.train(5, Monitor())
+    with torch.no_grad():
+        view = scene_views[0]
+        right = cpu.render(trainer.gaussians, view.camera, view.camera_from_model).radii_px.numpy()
+        right += view.camera.project(view.camera_from_model.apply(before["means"].numpy()))[:, 0]
+    hidden = torch.from_numpy(right < 39)
+    assert 5 < int(hidden.sum()) < 75
+    assert int((trainer.statistics.views > 0).sum()) > 5
+    assert not trainer.statistics.views[hidden].any()
+    for name, tensor in trainer.gaussians.tensors().items():
+        assert torch.equal(tensor[hidden], before[name][hidden]), name

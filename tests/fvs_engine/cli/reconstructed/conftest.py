@@ -24,6 +24,10 @@ def photographs(kermit_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> P
     good = sorted(halved.iterdir())
     for path in good[:6]:
         shutil.copyfile(path, folder / path.name)
+    (folder / "masks").mkdir()
+    mask = np.full((240, 320), 255, dtype=np.uint8)
+    mask[:60, :80] = 0
+    Image.fromarray(mask).save(folder / "masks" / f"{good[2].stem}.png")
     (folder / "more of them").mkdir()
     with Image.open(good[6]) as image:
         exif = Image.Exif()

@@ -51,6 +51,25 @@ def test_the_photographs_are_registered_and_learned(first_run: tuple[Path, Any])
     assert len(read_ply(out / "splat" / "point_cloud.ply")) == info["metrics"]["gaussians"]
 
 
+def test_a_mask_goes_where_its_photograph_goes(
+    fvs: Fvs, photographs: Path, first_run: tuple[Path, Any], tmp_path: Path
+) -> None:
+    out, run = first_run
+    (masked,) = (image for image in run.document["manifest"]["images"]["photographs"] if image["masked"])
+    name = masked["normalised_name"]
+    for folder in (out, out / "undistorted"):
+        assert [path.name for path in (folder / "masks").iterdir()] == [f"{name}.png"]
+        with Image.open(folder / "masks" / f"{name}.png") as mask:
+            assert 0.8 < (np.asarray(mask) == 255).mean() < 0.97
+    assert '"code": "without-mask"' in run.stderr
+    assert "(1 masked)" in fvs("info", out).stdout
+    others = shutil.copytree(photographs, tmp_path / "photographs")
+    Image.new("L", (320, 240), 255).save(others / "masks" / f"{Path(name).stem}.png")
+    again = fvs("reconstruct", others, "--out", out, *OPTIONS)
+    assert again.status == EXIT_CODES["output-exists"]
+    assert f"1 photograph is masked otherwise ({name})" in again.stderr
+
+
 def test_others_can_open_the_undistorted_model(first_run: tuple[Path, Any]) -> None:
     out, run = first_run
     model = pycolmap.Reconstruction(str(out / "undistorted" / "sparse"))
@@ -222,7 +241,7 @@ def test_overwrite_starts_again(
 def test_info_for_people(fvs: Fvs, first_run: tuple[Path, Any]) -> None:
     run = fvs("info", first_run[0])
     assert run.status == 0
-    for fragment in ("11 used, 3 left out", "registered", "120 of 120", "PSNR"):
+    for fragment in ("11 used (1 masked), 3 left out", "registered", "120 of 120", "PSNR"):
         assert fragment in run.stdout
 
 

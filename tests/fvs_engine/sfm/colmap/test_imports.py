@@ -16,6 +16,7 @@ from fvs_engine.errors import Cancelled, InvalidInputError, StorageError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.geometry.alignment.similarity import umeyama
 from fvs_engine.geometry.cameras import DistortedCamera
+from fvs_engine.images.masks import read_mask
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
 from fvs_engine.sfm.batch.triangulate import triangulate
@@ -317,6 +318,29 @@ def test_undistorted_views_are_pinhole_and_where_they_were(
             assert image.size == (view.camera.width, view.camera.height)
     assert sorted(path.name for path in tmp_path.iterdir()) == ["undistorted"]
     assert sorted(path.name for path in (tmp_path / "undistorted").iterdir()) == ["images", "sparse"]
+
+
+def test_masks_are_undistorted_with_their_images(
+    kermit_sfm: SfmResult, kermit_names: list[str], tmp_path: Path
+):
+    """Of an image that is white where it counts, and black where it does not."""
+    images = tmp_path / "images"
+    images.mkdir()
+    (tmp_path / "masks").mkdir()
+    counts = np.ones((480, 640), dtype=bool)
+    counts[100:300, 200:500] = False
+    for name in kermit_names:
+        Image.fromarray(counts).convert("RGB").save(images / name)
+    Image.fromarray(counts).save(tmp_path / "masks" / f"{kermit_names[0]}.png")
+    undistort(kermit_sfm.model_dir, images, tmp_path / "undistorted", Monitor())
+    written = tmp_path / "undistorted" / "masks"
+    assert [path.name for path in written.iterdir()] == [f"{kermit_names[0]}.png"]
+    mask = read_mask(tmp_path / "undistorted" / "images", kermit_names[0])
+    assert mask is not None
+    shown = np.asarray(Image.open(tmp_path / "undistorted" / "images" / kermit_names[0]).convert("L"))
+    assert shown[mask].min() > 200
+    assert shown[~mask].max() > 50, "the border of the mask is left out"
+    assert (shown[~mask] > 200).mean() < 0.05
 
 
 def test_a_cancelled_undistortion_leaves_nothing_that_looks_whole(

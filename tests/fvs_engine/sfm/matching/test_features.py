@@ -9,7 +9,7 @@ from PIL import Image
 
 from fvs_engine.choices import CameraModel
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.colmap.database import image_cameras
+from fvs_engine.sfm.colmap.database import image_cameras, image_ids
 from fvs_engine.sfm.jobs import ExtractFeatures
 from fvs_engine.sfm.matching.features import add_features, import_images
 from fvs_engine.sfm.settings import FeatureSettings, FocalPrior, SfmSettings
@@ -156,3 +156,30 @@ def test_images_of_a_large_set_are_reduced_more(
     assert [(one.max_image_size_px, one.max_features) for one in asked] == [
         (expected.max_image_size_px, expected.max_features)
     ]
+
+
+def test_what_a_mask_leaves_out_has_no_features(tmp_path: Path) -> None:
+    for name in ("masked.png", "whole.png"):
+        save(tmp_path / name, size=(320, 240))
+    counts = np.ones((240, 320), dtype=bool)
+    counts[:, 100:] = False
+    (tmp_path / "masks").mkdir()
+    Image.fromarray(counts).save(tmp_path / "masks" / "masked.png")
+
+    def features() -> dict[str, np.ndarray]:
+        stages = Stages(SfmFolder(tmp_path / "sfm"), tmp_path, SfmSettings(), Monitor())
+        names = stages.open(["masked.png", "whole.png"], 2)
+        add_features(stages, names)
+        ids = image_ids(stages.folder.database)
+        with pycolmap.Database.open(stages.folder.database) as database:
+            return {name: database.read_keypoints(ids[name])[:, :2] for name in names}
+
+    first = features()
+    assert 20 < len(first["masked.png"]) < len(first["whole.png"])
+    assert first["masked.png"][:, 0].max() <= 101
+    Image.fromarray(~counts).save(tmp_path / "masks" / "masked.png")
+    second = features()
+    assert second["masked.png"][:, 0].min() >= 99
+    np.testing.assert_array_equal(first["whole.png"], second["whole.png"])
+    (tmp_path / "masks" / "masked.png").unlink()
+    np.testing.assert_array_equal(features()["masked.png"], first["whole.png"])

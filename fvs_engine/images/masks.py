@@ -1,0 +1,127 @@
+"""Masks: which pixels of a photograph count; the others move, or are not wanted.
+
+A mask is a PNG of the photograph's size in which black is left out, as COLMAP and nerfstudio have it; in a
+photograph with transparency, what is not opaque is left out, too. A mask in memory is a bool [H, W], True
+where the upright photograph counts, and None where all of it does.
+"""
+
+from collections.abc import Iterator
+from pathlib import Path, PurePosixPath
+
+import numpy as np
+from numpy.typing import NDArray
+from PIL import Image
+
+from fvs_engine.images.limits import UnusableImageError
+from fvs_engine.images.names import MASKS
+from fvs_engine.images.pixels import FORMATS, orientation_of, upright
+
+Mask = NDArray[np.bool_]
+
+_IMAGES = "images"
+"""The folder of photographs beside ``masks``, in datasets of COLMAP and nerfstudio."""
+_WHITE = np.uint8(255)
+
+
+def find_mask(folder: Path, name: str) -> Path | None:
+    """The file with the mask of the photograph ``name`` in ``folder``; None without one.
+
+    For ``left/a.jpg`` it is ``a.jpg.png`` or ``a.png`` in ``left/masks`` or ``masks/left``. The masks of a
+    folder ``images`` may also be in a folder ``masks`` beside it.
+    """
+    for place in _places(folder, PurePosixPath(name)):
+        if (file := place.with_name(f"{place.name}.png")).is_file():
+            return file
+        file = place.with_suffix(".png")
+        # `a.png` is the mask of `a.jpg`, but `a.jpg.png` not that of `a.jpg.tif` where there is an `a.jpg`.
+        if file.is_file() and not (folder / name).with_name(file.stem).is_file():
+            return file
+    return None
+
+
+def read_mask(folder: Path, name: str) -> Mask | None:
+    """The mask of the photograph ``name`` in ``folder``; raises ``UnusableImageError``, naming the file."""
+    try:
+        return mask_of(folder, name)
+    except UnusableImageError as error:
+        path = folder / name
+        raise UnusableImageError(
+            f"{path} cannot be used: {error.message}", hint=error.hint, path=path
+        ) from error
+
+
+def mask_of(folder: Path, name: str) -> Mask | None:
+    """The mask of the photograph ``name`` in ``folder``: of its file and its transparency.
+
+    A mask is turned as the photograph is. One of the turned photograph is taken as it is where the two sizes
+    differ. Raises ``UnusableImageError`` when it cannot be read, has another size or leaves out everything.
+    """
+    found = _read(folder / name, find_mask(folder, name))
+    if found is not None and not found.any():
+        raise UnusableImageError(
+            "its mask leaves out every pixel.",
+            hint="In a mask black is left out, and white is kept: was it inverted?",
+        )
+    return None if found is None or found.all() else found
+
+
+def reduced_mask(mask: Mask, size: tuple[int, int]) -> Mask:
+    """The mask at a smaller ``size`` (width, height).
+
+    A pixel counts where all of the pixels do that it is made of.
+    """
+    grey = Image.fromarray(mask.astype(np.uint8) * _WHITE)
+    return np.asarray(np.asarray(grey.resize(size, Image.Resampling.BOX)) == _WHITE)
+
+
+def write_mask(mask: Mask, file: Path) -> None:
+    """Write the mask as a PNG; raises ``OSError``."""
+    file.parent.mkdir(parents=True, exist_ok=True)
+    Image.fromarray(mask.astype(np.uint8) * _WHITE).save(file, format="PNG")
+
+
+def _places(folder: Path, name: PurePosixPath) -> Iterator[Path]:
+    """Where masks may be: the paths that they have but for the suffix, the nearest first."""
+    for depth in reversed(range(len(name.parts))):
+        masks, rest = folder.joinpath(*name.parts[:depth], MASKS), name.parts[depth:]
+        yield masks.joinpath(*rest)
+        if rest[0] == _IMAGES and len(rest) > 1:
+            yield masks.joinpath(*rest[1:])
+    if folder.absolute().name == _IMAGES:
+        yield folder.absolute().parent / MASKS / name
+
+
+def _read(photograph: Path, file: Path | None) -> Mask | None:
+    with Image.open(photograph, formats=FORMATS) as image:
+        transparent = image.has_transparency_data and not image.mode.startswith("I;16")
+        if file is None and not transparent:
+            return None
+        stored, orientation = image.size, orientation_of(image)
+        opaque = image.convert("RGBA").getchannel("A") if transparent else None
+    opaque_pixels = None if opaque is None else np.asarray(upright(opaque, orientation)) == _WHITE
+    in_file = None if file is None else _of_file(file, stored, orientation)
+    if opaque_pixels is None or in_file is None:
+        return in_file if opaque_pixels is None else opaque_pixels
+    return np.asarray(opaque_pixels & in_file)
+
+
+def _of_file(file: Path, stored: tuple[int, int], orientation: int) -> Mask:
+    """The mask in ``file`` of a photograph that has the size ``stored`` before it is turned."""
+    named = f"its mask {file.parent.name}/{file.name}"
+    try:
+        with Image.open(file, formats=("PNG",)) as image:
+            size = image.size
+            turned = upright(Image.new("1", stored), orientation).size
+            if size not in (stored, turned):
+                raise UnusableImageError(
+                    f"{named} has {size[0]}×{size[1]} px, the photograph {stored[0]}×{stored[1]} px.",
+                    hint="Make the mask of the photograph in its full size, or delete it.",
+                )
+            grey = image.convert("L")
+    except UnusableImageError:
+        raise
+    except Exception as error:  # damaged bytes can make the decoder raise anything
+        raise UnusableImageError(
+            f"{named} cannot be read as a PNG.", hint="Save it as PNG again, or delete it."
+        ) from error
+    return np.asarray(np.asarray(upright(grey, orientation) if size == stored else grey) > 0)
