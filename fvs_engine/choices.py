@@ -29,6 +29,12 @@ ProtocolName = Literal["paper", "fisherrf", "nearest5", "travel"]
 ViewGroup = Literal["held-out", "training", "all", "path"]
 """Views of a model that can be rendered together; ``path`` is a smooth path through the training views."""
 
+ExportFormat = Literal["ply", "spz", "gltf", "3d-tiles", "cameras", "colmap", "geojson", "laz"]
+"""What a model can be exported as, see ``fvs_engine.export``."""
+
+ExportFrame = Literal["world", "model"]
+"""The frame of exported files: metres east, north and up of a place on Earth, or the model's own."""
+
 Firmware = Literal["ardupilot", "px4"]
 """Autopilots whose MAVLink ``fvs simulate-vehicle`` speaks: ``lab.simulate.mavlink.firmware``."""
 

@@ -250,6 +250,16 @@ WORDING: Mapping[FindingCode, tuple[str, str]] = {
         "Check the units, axes and altitude datum of the positions, and whether they belong to these "
         "photographs; or give poses in the model frame.",
     ),
+    FindingCode.HEIGHTS_NOT_ELLIPSOIDAL: (
+        "Heights are above {surface}. A globe takes them for heights above the ellipsoid, so the scene "
+        "stands there too high or too low.",
+        "Those above sea level need the geoid: its height above the ellipsoid there, or a grid.",
+    ),
+    FindingCode.COARSE_POSITIONS: (
+        "SPZ and 3D Tiles round all positions to {step_m:.3f} m: they have 24 bits, and a Gaussian lies "
+        "{farthest_m:,.0f} m away.",
+        "PLY and glTF keep millimetres.",
+    ),
     FindingCode.FEW_REGISTRABLE: (
         "Likely to be registered are only {registrable:,.0f} of the {of:,.0f} candidates: they see little of "
         "what the images show, or see it from too far aside.",

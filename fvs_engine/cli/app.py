@@ -14,6 +14,7 @@ from fvs_client.cli.command_group import Program
 
 from fvs_engine.choices import CameraModel, Quality, RankingMethod, ViewGroup
 from fvs_engine.cli.evaluate import evaluate
+from fvs_engine.cli.export import export
 from fvs_engine.cli.option_groups import with_option_groups
 from fvs_engine.cli.options import (
     MAX_ITERATIONS,
@@ -303,6 +304,7 @@ def info(folder: _Folder, as_json: JsonOption = False) -> None:
 
 
 app.command()(plan)
+app.command()(export)
 app.command()(select)
 app.command()(simulate)
 app.command("simulate-vehicle")(simulate_vehicle)

@@ -4,6 +4,8 @@ The world frame is ENU in metres: x east, y north, z up, at a fixed origin. Yaw 
 north, pitch is up, roll has the right side down; a camera with all three at 0 looks north, level and upright.
 """
 
+import dataclasses
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -60,10 +62,38 @@ def enu_from_geodetic(position: GeodeticPosition, origin: GeodeticPosition) -> A
 
 def geodetic_from_enu(position_m: Array, origin: GeodeticPosition) -> GeodeticPosition:
     """The position that is ``position_m`` [3] (east, north, up) from ``origin``; the inverse of the above."""
+    return GeodeticPosition(*geodetic_coordinates(position_m[None], origin)[0].tolist())
+
+
+def geodetic_coordinates(positions_m: Array, origin: GeodeticPosition) -> Array:
+    """Latitudes and longitudes in degrees and altitudes in metres [N, 3] of ENU positions [N, 3]."""
     found = pymap3d.enu2geodetic(
-        *position_m.tolist(), origin.latitude_deg, origin.longitude_deg, origin.altitude_m
+        *np.asarray(positions_m, dtype=np.float64).T,
+        origin.latitude_deg,
+        origin.longitude_deg,
+        origin.altitude_m,
     )
-    return GeodeticPosition(*map(float, found))
+    return np.stack(found, axis=1)
+
+
+def ecef_from_enu(origin: GeodeticPosition) -> RigidTransform:
+    """The transform from east, north, up at ``origin`` to the Earth-centred frame of WGS 84, in metres."""
+    latitude, longitude = np.deg2rad([origin.latitude_deg, origin.longitude_deg])
+    east = np.array([-np.sin(longitude), np.cos(longitude), 0.0])
+    up = np.array(
+        [np.cos(latitude) * np.cos(longitude), np.cos(latitude) * np.sin(longitude), np.sin(latitude)]
+    )
+    centre = pymap3d.geodetic2ecef(origin.latitude_deg, origin.longitude_deg, origin.altitude_m)
+    return RigidTransform(np.column_stack([east, np.cross(up, east), up]), np.array(centre))
+
+
+def middle_position(positions: Sequence[GeodeticPosition]) -> GeodeticPosition:
+    """The median of positions in each Earth-centred coordinate.
+
+    A few wrong ones do not move it far, and it knows neither an antimeridian nor poles.
+    """
+    ecef = np.array([pymap3d.geodetic2ecef(*dataclasses.astuple(position)) for position in positions])
+    return GeodeticPosition(*map(float, pymap3d.ecef2geodetic(*np.median(ecef, axis=0))))
 
 
 def camera_at(position_m: Array, yaw_deg: float, pitch_deg: float, roll_deg: float = 0.0) -> RigidTransform:

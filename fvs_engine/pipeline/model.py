@@ -1,7 +1,7 @@
 """The trained model of an output folder."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError, StorageError
@@ -73,14 +73,23 @@ def read_undistorted(workspace: Workspace) -> Reconstruction:
 
 def model_views(reconstruction: Reconstruction, long_side_px: int) -> tuple[PinholeView, ...]:
     """The views sorted by name, their cameras reduced to ``long_side_px``."""
+    return tuple(
+        replace(
+            view,
+            camera=view.camera.resized(*reduced_size(view.camera.width, view.camera.height, long_side_px)),
+        )
+        for view in full_size_views(reconstruction)
+    )
+
+
+def full_size_views(reconstruction: Reconstruction) -> tuple[PinholeView, ...]:
+    """The views sorted by name; raises ``StorageError`` when one still has distortion."""
     views = []
     for view in sorted(reconstruction.views, key=lambda view: view.name):
-        camera = view.camera
-        if not isinstance(camera, PinholeCamera):
+        if not isinstance(view.camera, PinholeCamera):
             raise StorageError(
                 f"The camera of {view.name} still has distortion.",
                 hint="Start again with --overwrite.",
             )
-        reduced = camera.resized(*reduced_size(camera.width, camera.height, long_side_px))
-        views.append(PinholeView(view.name, reduced, view.camera_from_model))
+        views.append(PinholeView(view.name, view.camera, view.camera_from_model))
     return tuple(views)

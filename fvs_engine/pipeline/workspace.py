@@ -12,6 +12,7 @@ metrics.json                   quality on held-out views, and what the training 
 renders/                       held-out views as the model renders them
 ranking/                       ranking.json and contact_sheet.png of the last `fvs rank`
 plan/                          plan.json and plan.png of the last `fvs plan`
+export/                        files of the last `fvs export` for other programs
 """
 
 import contextlib
@@ -41,6 +42,7 @@ _OWN_ENTRIES = frozenset(
         "renders",
         "ranking",
         "plan",
+        "export",
         ".lock",
     }
     | {"undistorted.log", ".undistorted.partial"}
@@ -114,6 +116,11 @@ class Workspace:
     def plan(self) -> Path:
         """The last plan."""
         return self.root / "plan"
+
+    @property
+    def export(self) -> Path:
+        """The last exported files."""
+        return self.root / "export"
 
     @staticmethod
     def existing(root: Path) -> "Workspace":

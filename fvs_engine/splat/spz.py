@@ -15,7 +15,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from fvs_engine.files.atomic import replacing
+from fvs_engine.files.atomic import write_bytes_atomically
 from fvs_engine.splat.gaussians import Gaussians
 
 Floats = NDArray[np.float32]
@@ -39,12 +39,18 @@ _SH_SIGNS = np.array([-1, -1, 1, -1, 1, 1, -1, 1, -1, 1, -1, -1, 1, -1, 1], np.f
 def write_spz(path: Path, gaussians: Gaussians) -> None:
     """Write the Gaussians; the file appears whole or not at all.
 
-    Positions get as many fractional bits as the farthest Gaussian leaves. Raises ``StorageError`` when the
-    file cannot be written.
+    Raises ``StorageError`` when the file cannot be written.
+    """
+    write_bytes_atomically(path, spz_content(gaussians))
+
+
+def spz_content(gaussians: Gaussians) -> bytes:
+    """The bytes of a file with the Gaussians.
+
+    Positions get as many fractional bits as the farthest Gaussian leaves.
     """
     columns = {name: tensor.detach().cpu().numpy() for name, tensor in gaussians.tensors().items()}
-    farthest = max(float(np.abs(columns["means"]).max(initial=0.0)), 1e-3)
-    bits = int(np.clip(np.floor(np.log2(_MAX_FIXED / farthest)), 0, _MAX_FRACTIONAL_BITS))
+    bits = _fractional_bits(columns["means"])
     header = _HEADER.pack(_MAGIC, _VERSION, len(gaussians), gaussians.sh_degree, bits, 0, 0)
     opacities = 1.0 / (1.0 + np.exp(-columns["opacity_logits"].astype(np.float64)))
     parts = (
@@ -56,8 +62,17 @@ def write_spz(path: Path, gaussians: Gaussians) -> None:
         _harmonics(columns["sh_rest"]),
     )
     content = header + b"".join(part.tobytes() for part in parts)
-    with replacing(path) as temporary:
-        temporary.write_bytes(gzip.compress(content, compresslevel=6, mtime=0))
+    return gzip.compress(content, compresslevel=6, mtime=0)
+
+
+def position_step(gaussians: Gaussians) -> float:
+    """The step to which a file with these Gaussians rounds their positions, in their unit."""
+    return float(2.0 ** -_fractional_bits(gaussians.means.detach().cpu().numpy()))
+
+
+def _fractional_bits(means: Floats) -> int:
+    farthest = max(float(np.abs(means).max(initial=0.0)), 1e-3)
+    return int(np.clip(np.floor(np.log2(_MAX_FIXED / farthest)), 0, _MAX_FRACTIONAL_BITS))
 
 
 def _byte(values: NDArray[np.floating]) -> Bytes:

@@ -89,6 +89,8 @@ class FindingCode(Word):
 
     ILL_CONDITIONED = "ill-conditioned"
     POSITIONS_UNUSED = "positions-unused"
+    HEIGHTS_NOT_ELLIPSOIDAL = "heights-not-ellipsoidal"
+    COARSE_POSITIONS = "coarse-positions"
     FEW_REGISTRABLE = "few-registrable"
     NONE_FEASIBLE = "none-feasible"
     FEWER_CANDIDATES = "fewer-candidates"

@@ -8,7 +8,7 @@ from fvs_schema.base import Input, Listing, Output, Timestamp
 from fvs_schema.jobs import JobKind
 from fvs_schema.names import Digest
 from fvs_schema.quantities import Count, Number, PositiveNumber, Quaternion, Triple
-from fvs_schema.scenes import Alignment
+from fvs_schema.scenes import Alignment, Origin
 
 ARTIFACT_NAME = r"^[A-Za-z0-9][A-Za-z0-9._-]{0,63}$"
 
@@ -48,6 +48,13 @@ class SnapshotMetrics(Output):
     new_images_psnr_db: Number | None = None
     """How well the previous snapshot rendered the images that are new in this one, before it was trained on
     them: a measure of quality that holds out no image. Null without a previous snapshot or new images."""
+
+
+class SnapshotAlignment(Alignment):
+    """The artifact `alignment.json`: where a snapshot is on Earth."""
+
+    origin: Origin | None = None
+    """The origin of the world frame, in which the alignment is; null where it has none on Earth."""
 
 
 class Snapshot(Output):

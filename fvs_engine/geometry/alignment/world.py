@@ -10,8 +10,9 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.alignment.attitudes import Attitude, Headings, model_down
 from fvs_engine.geometry.alignment.positions import fit_positions
 from fvs_engine.geometry.alignment.similarity import robust_umeyama
-from fvs_engine.geometry.rotations import matrix_from_rotation_vector
+from fvs_engine.geometry.rotations import matrix_from_rotation_vector, quaternion_from_matrix
 from fvs_engine.geometry.transforms import RigidTransform, SimilarityTransform
+from fvs_schema.scenes import Alignment, AlignmentStatus
 
 Array = NDArray[np.float64]
 
@@ -46,6 +47,19 @@ class Georeference:
     rms: float
     inliers: int
     ill_conditioned: bool
+
+    def alignment(self, positions: int) -> Alignment:
+        """The record of it, found with so many ``positions``."""
+        similarity = self.world_from_model
+        return Alignment(
+            status=AlignmentStatus.ILL_CONDITIONED if self.ill_conditioned else AlignmentStatus.ALIGNED,
+            scale=similarity.scale,
+            rotation_wxyz=tuple(quaternion_from_matrix(similarity.rotation).tolist()),
+            translation=tuple(similarity.translation.tolist()),
+            rms_m=self.rms,
+            inliers=self.inliers,
+            positions=positions,
+        )
 
 
 def georeference(

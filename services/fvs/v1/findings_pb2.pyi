@@ -87,6 +87,8 @@ class FindingCode(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     FINDING_CODE_UNREACHABLE: _ClassVar[FindingCode]
     FINDING_CODE_SAME_POSE: _ClassVar[FindingCode]
     FINDING_CODE_NOTHING_IN_VIEW: _ClassVar[FindingCode]
+    FINDING_CODE_HEIGHTS_NOT_ELLIPSOIDAL: _ClassVar[FindingCode]
+    FINDING_CODE_COARSE_POSITIONS: _ClassVar[FindingCode]
 SEVERITY_UNSPECIFIED: Severity
 SEVERITY_NOTE: Severity
 SEVERITY_WARNING: Severity
@@ -162,6 +164,8 @@ FINDING_CODE_TOO_CLOSE: FindingCode
 FINDING_CODE_UNREACHABLE: FindingCode
 FINDING_CODE_SAME_POSE: FindingCode
 FINDING_CODE_NOTHING_IN_VIEW: FindingCode
+FINDING_CODE_HEIGHTS_NOT_ELLIPSOIDAL: FindingCode
+FINDING_CODE_COARSE_POSITIONS: FindingCode
 
 class Notice(_message.Message):
     __slots__ = ("code", "severity", "images", "numbers", "texts", "message", "hint")

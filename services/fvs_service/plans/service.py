@@ -8,6 +8,7 @@ from anyio.to_thread import run_sync
 
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.plan import plan_records as engine_records
+from fvs_engine.snapshot_cameras import usual_camera
 from fvs_schema.base import Page
 from fvs_schema.candidates import InVolume, wanted_of
 from fvs_schema.events import EventKind
@@ -30,7 +31,6 @@ from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.lease import find_endpoint
 from fvs_service.scenes.poses import WorldFrame, require_on_earth
 from fvs_service.scenes.repository import SceneHead, scene_head_of
-from fvs_service.snapshots.cameras import usual_camera
 from fvs_service.snapshots.repository import first_snapshots
 from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database, Reader

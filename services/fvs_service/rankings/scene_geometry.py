@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.geometry import RigidTransform, angle_between, level_axes
+from fvs_engine.snapshot_cameras import model_from_cameras
 from fvs_schema.snapshots import SnapshotCameras
 from fvs_service.scenes.poses import WorldFrame
-from fvs_service.snapshots.cameras import model_from_cameras
 
 if TYPE_CHECKING:
     from scipy.spatial import KDTree

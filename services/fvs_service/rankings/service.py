@@ -8,6 +8,7 @@ from typing import TypeAlias
 from anyio.to_thread import run_sync
 
 from fvs_engine import candidates as engine
+from fvs_engine.snapshot_cameras import usual_camera
 from fvs_schema.base import Page
 from fvs_schema.candidates import InVolume, wanted_of
 from fvs_schema.events import EventKind
@@ -37,7 +38,6 @@ from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.lease import find_endpoint
 from fvs_service.scenes.poses import WorldFrame
 from fvs_service.scenes.repository import find_scene_head, scene_head_of
-from fvs_service.snapshots.cameras import usual_camera
 from fvs_service.snapshots.repository import snapshot_of
 from fvs_service.storage.blob_keys import ranking_prefix
 from fvs_service.storage.blobs import Blobs

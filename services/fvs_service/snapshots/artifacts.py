@@ -1,23 +1,10 @@
-"""The files of a snapshot: their names, and where they are. Nothing here needs the database."""
+"""The files of a snapshot: their types, and where they are. Nothing here needs the database."""
 
 import json
 
 from fvs_service.errors import NotFoundError
 from fvs_service.storage.blob_keys import artifact_key, manifest_key
 from fvs_service.storage.blobs import Blobs
-
-CAMERAS = "cameras.json"
-"""The artifact with the ``SnapshotCameras``; every snapshot has it."""
-GAUSSIANS = "point_cloud.ply"
-"""The artifact with the Gaussians in the layout of 3DGS; every snapshot has it."""
-COMPRESSED = "point_cloud.spz"
-"""The artifact with the same Gaussians in a tenth of the bytes, rounded; for viewers."""
-METRICS = "metrics.json"
-"""The artifact with the snapshot's ``SnapshotMetrics``."""
-COLMAP = "colmap.zip"
-"""The artifact with COLMAP's binary model of the same cameras and points."""
-ALIGNMENT = "alignment.json"
-"""The artifact with the snapshot's ``Alignment``."""
 
 MEDIA_TYPES = {
     ".ply": "application/ply",

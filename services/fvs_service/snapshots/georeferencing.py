@@ -4,13 +4,13 @@ from collections.abc import Mapping
 
 import numpy as np
 
-from fvs_engine.geometry import RigidTransform, quaternion_from_matrix
+from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.alignment.attitudes import Attitude
 from fvs_engine.geometry.alignment.positions import GPS_ACCURACY_M
 from fvs_engine.geometry.alignment.world import georeference
 from fvs_engine.geometry.geodetic import GeodeticPosition, enu_from_geodetic
 from fvs_schema.images import Image, Prior
-from fvs_schema.scenes import Alignment, AlignmentStatus, Origin, Scene
+from fvs_schema.scenes import Alignment, Origin, Scene
 from fvs_service.scenes.poses import geodetic_origin
 
 
@@ -43,18 +43,7 @@ def align(
         [attitude for _, _, attitude, _ in known],
         np.array([sigma for _, _, _, sigma in known]),
     )
-    if found is None:
-        return Alignment(positions=len(known))
-    similarity = found.world_from_model
-    return Alignment(
-        status=AlignmentStatus.ILL_CONDITIONED if found.ill_conditioned else AlignmentStatus.ALIGNED,
-        scale=similarity.scale,
-        rotation_wxyz=tuple(quaternion_from_matrix(similarity.rotation).tolist()),
-        translation=tuple(similarity.translation.tolist()),
-        rms_m=found.rms,
-        inliers=found.inliers,
-        positions=len(known),
-    )
+    return Alignment(positions=len(known)) if found is None else found.alignment(len(known))
 
 
 def world_position(prior: Prior, origin: Origin | None) -> np.ndarray | None:

@@ -9,6 +9,7 @@ from pathlib import Path
 from sqlalchemy.orm import Session
 
 from fvs_engine.wording import notice
+from fvs_schema.artifacts import ALIGNMENT, CAMERAS, COLMAP, GAUSSIANS
 from fvs_schema.base import Page
 from fvs_schema.events import EventKind
 from fvs_schema.findings import Finding, FindingCode, Severity
@@ -31,7 +32,7 @@ from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.lease import Lease, require_lease
 from fvs_service.scenes.repository import find_scene_head, scene_of, set_snapshot
 from fvs_service.snapshots import repository
-from fvs_service.snapshots.artifacts import ALIGNMENT, CAMERAS, COLMAP, GAUSSIANS, MEDIA_TYPES
+from fvs_service.snapshots.artifacts import MEDIA_TYPES
 from fvs_service.storage.blob_keys import artifact_key, manifest_key
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.clock import now

@@ -5,28 +5,13 @@ from collections.abc import Callable
 import numpy as np
 import pytest
 import torch
+from random_gaussians import random_gaussians
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.raster.selection import create_rasterizer
 from fvs_engine.splat.views import TrainingView
-
-
-def random_gaussians(count: int, sh_degree: int, seed: int = 0) -> Gaussians:
-    draw = torch.Generator().manual_seed(seed)
-
-    def normal(*shape: int) -> torch.Tensor:
-        return torch.randn(shape, generator=draw)
-
-    return Gaussians(
-        means=0.7 * normal(count, 3),
-        log_scales=-2.0 + 0.3 * normal(count, 3),
-        quaternions_wxyz=normal(count, 4),
-        opacity_logits=1.0 + normal(count),
-        sh_dc=normal(count, 3),
-        sh_rest=0.1 * normal(count, (sh_degree + 1) ** 2 - 1, 3),
-    )
 
 
 @pytest.fixture

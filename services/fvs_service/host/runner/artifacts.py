@@ -11,11 +11,11 @@ from numpy.typing import NDArray
 from fvs_engine.geometry import quaternion_from_matrix
 from fvs_engine.scene.scene_model import SceneModel, usual_camera
 from fvs_engine.sfm.colmap.model import MODEL_FILES
+from fvs_engine.snapshot_cameras import intrinsics_of
 from fvs_engine.splat.views import TrainingView
+from fvs_schema.artifacts import CAMERAS, COLMAP, COLMAP_FOLDER, COMPRESSED, GAUSSIANS, METRICS
 from fvs_schema.images import Image
 from fvs_schema.snapshots import SnapshotCameras, SnapshotMetrics, SnapshotView
-from fvs_service.snapshots.artifacts import CAMERAS, COLMAP, COMPRESSED, GAUSSIANS, METRICS
-from fvs_service.snapshots.cameras import intrinsics_of
 
 Array = NDArray[np.float64]
 
@@ -46,7 +46,7 @@ def write_artifacts(
     with zipfile.ZipFile(folder / COLMAP, "w") as archive:
         for name in MODEL_FILES:
             # Without the time of the file, equal models make equal archives.
-            entry = zipfile.ZipInfo(f"sparse/0/{name}.bin")
+            entry = zipfile.ZipInfo(f"{COLMAP_FOLDER}/{name}.bin")
             # To halve the bytes of 200 images takes 0.4 s of the processor.
             entry.compress_type = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
             # The default level takes four times as long for 7 % fewer bytes (50 images of fox).

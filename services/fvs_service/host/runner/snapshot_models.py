@@ -9,12 +9,13 @@ from pathlib import Path
 from fvs_engine.plan.familiarity import Observations
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.scene.sparse_points import read_observations
+from fvs_engine.snapshot_cameras import model_from_cameras, usual_camera
 from fvs_engine.splat.ply import read_ply
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
+from fvs_schema.artifacts import CAMERAS, COLMAP, GAUSSIANS, METRICS
 from fvs_schema.snapshots import SnapshotCameras, SnapshotMetrics
-from fvs_service.snapshots.artifacts import CAMERAS, COLMAP, GAUSSIANS, METRICS, find_artifact
-from fvs_service.snapshots.cameras import model_from_cameras, usual_camera
+from fvs_service.snapshots.artifacts import find_artifact
 from fvs_service.storage.blobs import Blobs
 
 _KEPT = 2

@@ -10,8 +10,10 @@ import structlog
 
 from fvs_engine.errors import EngineError
 from fvs_engine.files.atomic import write_text_atomically
+from fvs_schema.artifacts import ALIGNMENT
 from fvs_schema.images import Image
 from fvs_schema.jobs import Job, JobFailure, JobKind
+from fvs_schema.snapshots import SnapshotAlignment
 from fvs_schema.stages import Stage
 from fvs_service.application import Storage
 from fvs_service.engine_errors import for_clients
@@ -32,7 +34,6 @@ from fvs_service.jobs.stages import Work, work_of
 from fvs_service.jobs.timing import TIMING, past_timings
 from fvs_service.scenes.lease import Lease
 from fvs_service.scenes.repository import find_scene, set_working_bytes
-from fvs_service.snapshots.artifacts import ALIGNMENT
 from fvs_service.snapshots.georeferencing import align
 from fvs_service.snapshots.service import NewSnapshot
 
@@ -174,7 +175,8 @@ class Attempts:
         by_digest = {image.digest: image for image in images}
         alignment = align(scene, by_digest, made.model_from_camera, positions_ignored=made.positions_ignored)
         folder = Path(made.folder)
-        write_text_atomically(folder / ALIGNMENT, alignment.model_dump_json(indent=1))
+        placed = SnapshotAlignment(origin=scene.origin, **alignment.model_dump())
+        write_text_atomically(folder / ALIGNMENT, placed.model_dump_json(indent=1))
         updating = job.kind is JobKind.UPDATE
         reasons, root = made.unregistered if updating else {}, self._storage.settings.root
         snapshot = NewSnapshot(

@@ -1,4 +1,4 @@
-"""The cameras of a snapshot as the engine's: conversions of ``SnapshotCameras``."""
+"""The cameras of a snapshot of the service as the engine's: conversions of ``SnapshotCameras``."""
 
 import numpy as np
 
