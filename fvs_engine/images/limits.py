@@ -4,9 +4,12 @@ Two sizes matter. *Shape*: pycolmap crashes on images that are much longer than 
 copy of them has no width. *Memory*: a file of one megabyte can declare a gigabyte of pixels.
 """
 
+import io
+
 from PIL import Image
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.images.jpeg import keeps_coefficients
 from fvs_engine.records import Record
 from fvs_schema.quantities import MAX_ASPECT_RATIO, MAX_PIXELS, MAX_SIDE_PX
 
@@ -16,7 +19,6 @@ _RGB_BYTES = 4
 _COEFFICIENT_BYTES = 2
 _WEBP_BYTES = 16
 """Bytes per pixel that the WebP decoder may take besides the image: an estimate of its frames."""
-_START_OF_SCAN = b"\xff\xda"
 
 
 class UnusableImageError(InvalidInputError):
@@ -97,7 +99,7 @@ def decoding_bytes(image: Image.Image, content: bytes, *, turned: bool, converte
 def _decoder_bytes(image: Image.Image, content: bytes) -> int:
     """Bytes per pixel that the format's decoder takes besides the image."""
     match image.format:
-        case "JPEG" | "MPO" if content.count(_START_OF_SCAN) > 1:  # it keeps all coefficients between scans
+        case "JPEG" | "MPO" if keeps_coefficients(io.BytesIO(content)):
             return _COEFFICIENT_BYTES * len(image.getbands())
         case "WEBP":
             return _WEBP_BYTES

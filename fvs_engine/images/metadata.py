@@ -6,26 +6,32 @@ coordinates without their hemisphere; numbers that are not on earth.
 """
 
 import contextlib
-import io
-import logging
 import math
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta, timezone
-from typing import Any
-from xml.etree.ElementTree import Element, ParseError
+from typing import Any, BinaryIO
 
-import exifread
-from defusedxml import DefusedXmlException
-from defusedxml.ElementTree import fromstring
+from PIL import Image
+from PIL.ExifTags import GPS, IFD, Base
+from PIL.TiffImagePlugin import IFDRational
 
-_XMP_LIMIT_BYTES = 1 << 20
-_XMP_BEGIN, _XMP_END = b"<x:xmpmeta", b"</x:xmpmeta>"
+from fvs_engine.images.embedded import read_embedded
+
+_XMP_PROPERTY = re.compile(
+    rb"[\s:<](GpsLatitude|GpsLongt?itude|AbsoluteAltitude|Gimbal(?:Yaw|Pitch|Roll)Degree)"
+    rb"(?:\s*=\s*(?:\"([^\"<]*)\"|'([^'<]*)')|\s*>([^<]*)(?=<))"
+)
+"""A property as an attribute or an element, with any prefix.
+
+It is searched for: DJI's packets and those of programs that change them are often not valid XML, with a bare
+``&``, bytes in Latin-1, or roots of all kinds.
+"""
+_BELOW = frozenset({"1", "3", "\x01", "\x03"})
+"""Values of GPSAltitudeRef for altitudes below the reference: 3 is EXIF 3.0's, and is from sea level, too."""
 _OFFSET = re.compile(r"^([+-])(\d\d):(\d\d)$")
 _NO_FIX_DEG = 1e-6
-
-logging.getLogger("exifread").setLevel(logging.CRITICAL)  # damaged files are expected
 
 
 @dataclass(frozen=True)
@@ -48,12 +54,14 @@ class PhotographPriors:
     doubtful: bool = False
 
 
-def read_priors(content: bytes) -> PhotographPriors:
-    """Read the metadata of an image file's bytes."""
-    exif = _exif(content)
-    xmp = _xmp(content)
+def read_priors(file: BinaryIO) -> PhotographPriors:
+    """Read the metadata of an image file."""
+    embedded = read_embedded(file)
+    exif, gps = _tags(embedded.exif, IFD.Exif), _tags(embedded.exif, IFD.GPSInfo)
+    xmp = _xmp(embedded.xmp)
     fix, exif_doubtful = _position(
-        _degrees(exif, "GPS GPSLatitude", "NS"), _degrees(exif, "GPS GPSLongitude", "EW")
+        _degrees(gps, GPS.GPSLatitudeRef, GPS.GPSLatitude, "NS"),
+        _degrees(gps, GPS.GPSLongitudeRef, GPS.GPSLongitude, "EW"),
     )
     doubtful = exif_doubtful
     if fix is None:
@@ -61,7 +69,7 @@ def read_priors(content: bytes) -> PhotographPriors:
         longitude = _number(xmp.get("GpsLongitude", xmp.get("GpsLongtitude")))
         fix, xmp_doubtful = _position(_number(xmp.get("GpsLatitude")), longitude)
         doubtful = fix is None and (exif_doubtful or xmp_doubtful)
-    altitude = _altitude(exif)
+    altitude = _altitude(gps)
     if altitude is None:
         altitude = _bounded(_number(xmp.get("AbsoluteAltitude")), -12_000.0, 100_000.0)
     yaw = _bounded(_number(xmp.get("GimbalYawDegree")), -360.0, 360.0)
@@ -69,7 +77,7 @@ def read_priors(content: bytes) -> PhotographPriors:
         latitude_deg=fix[0] if fix else None,
         longitude_deg=fix[1] if fix else None,
         altitude_m=altitude if fix else None,
-        yaw_deg=_true_direction(exif) if yaw is None else yaw,
+        yaw_deg=_true_direction(gps) if yaw is None else yaw,
         pitch_deg=_bounded(_number(xmp.get("GimbalPitchDegree")), -180.0, 180.0),
         roll_deg=_bounded(_number(xmp.get("GimbalRollDegree")), -180.0, 180.0),
         captured_at=_captured_at(exif),
@@ -77,48 +85,40 @@ def read_priors(content: bytes) -> PhotographPriors:
     )
 
 
-def _exif(content: bytes) -> Mapping[str, Any]:
+def _tags(exif: Image.Exif, ifd: IFD) -> Mapping[int, Any]:
     try:
-        return dict(exifread.process_file(io.BytesIO(content), details=False, extract_thumbnail=False))
+        return exif.get_ifd(ifd)
     except Exception:  # damaged bytes can make the parser raise anything
         return {}
 
 
-def _xmp(content: bytes) -> Mapping[str, str]:
-    """Local names of XMP properties → their text, of the first packet."""
-    begin = content.find(_XMP_BEGIN)
-    end = content.find(_XMP_END, begin)
-    if begin < 0 or end < 0 or end - begin > _XMP_LIMIT_BYTES:
-        return {}
-    try:
-        root: Element = fromstring(content[begin : end + len(_XMP_END)], forbid_dtd=True)
-    except (ParseError, DefusedXmlException, ValueError):
-        return {}
+def _xmp(packets: Sequence[bytes]) -> Mapping[str, str]:
+    """Local names of the properties in packets of XMP → their text; the first one that has text counts."""
     found: dict[str, str] = {}
-    for element in root.iter():
-        for name, value in element.attrib.items():
-            found.setdefault(name.rpartition("}")[2], value)
-        if element.text and element.text.strip():
-            found.setdefault(element.tag.rpartition("}")[2], element.text.strip())
+    for packet in packets:
+        for name, *values in _XMP_PROPERTY.findall(packet):
+            value = b"".join(values).strip()
+            if value:
+                found.setdefault(name.decode(), value.decode("ascii", "replace"))
     return found
 
 
-def _degrees(exif: Mapping[str, Any], tag: str, hemispheres: str) -> float | None:
-    """Signed degrees; NaN for a coordinate that cannot be used, None for a missing one."""
-    if tag not in exif:
+def _degrees(gps: Mapping[int, Any], reference: GPS, tag: GPS, hemispheres: str) -> float | None:
+    """Signed degrees; NaN for a coordinate that cannot be used, None for a missing one.
+
+    Degrees may stand alone, as a decimal number, or with (decimal) minutes, or with minutes and seconds; what
+    is not used is missing or 0/0.
+    """
+    if tag not in gps:
         return None
-    reference = str(exif.get(f"{tag}Ref", "")).strip().upper()[:1]
-    parts = [_ratio(part) for part in getattr(exif[tag], "values", [])]
-    if (
-        len(parts) != 3
-        or any(part is None for part in parts)
-        or not reference
-        or reference not in hemispheres
-    ):
+    side = _text(gps.get(reference)).upper()[:1]
+    parts = gps[tag] if isinstance(gps[tag], tuple) else (gps[tag],)
+    numbers = [_ratio(part) if i == 0 or not _is_unknown(part) else 0.0 for i, part in enumerate(parts)]
+    known = [number for number in numbers if number is not None]
+    if not side or side not in hemispheres or not 1 <= len(known) <= 3 or len(known) < len(numbers):
         return math.nan
-    degrees, minutes, seconds = (part or 0.0 for part in parts)
-    value = degrees + minutes / 60.0 + seconds / 3600.0
-    return -value if reference == hemispheres[1] else value
+    value = sum(number / 60.0**i for i, number in enumerate(known))
+    return -abs(value) if side == hemispheres[1] else value
 
 
 def _position(latitude: float | None, longitude: float | None) -> tuple[tuple[float, float] | None, bool]:
@@ -134,38 +134,33 @@ def _position(latitude: float | None, longitude: float | None) -> tuple[tuple[fl
     return (latitude, longitude), False
 
 
-def _altitude(exif: Mapping[str, Any]) -> float | None:
-    if "GPS GPSAltitude" not in exif:
-        return None
-    values = getattr(exif["GPS GPSAltitude"], "values", [])
-    altitude = _ratio(values[0]) if values else None
+def _altitude(gps: Mapping[int, Any]) -> float | None:
+    altitude = _ratio(gps.get(GPS.GPSAltitude))
     if altitude is None:
         return None
-    reference = getattr(exif.get("GPS GPSAltitudeRef"), "values", [0])
-    below = bool(reference) and str(reference[0]) == "1"
-    return _bounded(-altitude if below else altitude, -12_000.0, 100_000.0)
+    below = _text(gps.get(GPS.GPSAltitudeRef)) in _BELOW
+    return _bounded(-abs(altitude) if below else altitude, -12_000.0, 100_000.0)
 
 
-def _true_direction(exif: Mapping[str, Any]) -> float | None:
+def _true_direction(gps: Mapping[int, Any]) -> float | None:
     """The direction of the photograph, clockwise from true north.
 
     One from magnetic north is left out: it is off by the declination, which may be twenty degrees.
     """
-    if str(exif.get("GPS GPSImgDirectionRef", "")).strip().upper()[:1] != "T":
+    if _text(gps.get(GPS.GPSImgDirectionRef)).upper()[:1] != "T":
         return None
-    values = getattr(exif.get("GPS GPSImgDirection"), "values", [])
-    return _bounded(_ratio(values[0]) if values else None, 0.0, 360.0)
+    return _bounded(_ratio(gps.get(GPS.GPSImgDirection)), 0.0, 360.0)
 
 
-def _captured_at(exif: Mapping[str, Any]) -> datetime | None:
-    text = str(exif.get("EXIF DateTimeOriginal", "")).strip()
+def _captured_at(exif: Mapping[int, Any]) -> datetime | None:
+    text = _text(exif.get(Base.DateTimeOriginal))
     with contextlib.suppress(ValueError, OverflowError):
         moment = datetime.strptime(text, "%Y:%m:%d %H:%M:%S")
-        fraction = str(exif.get("EXIF SubSecTimeOriginal", "")).strip()
+        fraction = _text(exif.get(Base.SubsecTimeOriginal))
         if fraction.isdigit():
             moment += timedelta(seconds=float(f"0.{fraction}"))
         zone: timezone = UTC
-        offset = _OFFSET.match(str(exif.get("EXIF OffsetTimeOriginal", "")).strip())
+        offset = _OFFSET.match(_text(exif.get(Base.OffsetTimeOriginal)))
         if offset:
             away = timedelta(hours=int(offset[2]), minutes=int(offset[3]))
             zone = timezone(-away if offset[1] == "-" else away)
@@ -175,10 +170,21 @@ def _captured_at(exif: Mapping[str, Any]) -> datetime | None:
 
 def _ratio(value: Any) -> float | None:
     try:
-        number = float(value.num) / float(value.den) if hasattr(value, "num") else float(value)
+        number = float(value)
     except (TypeError, ValueError, ZeroDivisionError):
         return None
     return number if math.isfinite(number) else None
+
+
+def _is_unknown(value: Any) -> bool:
+    """Whether a rational is 0/0, which is EXIF's way to say that a number is not known."""
+    return isinstance(value, IFDRational) and value.numerator == value.denominator == 0
+
+
+def _text(value: Any) -> str:
+    """A tag's text, or its number or byte as such; empty without one."""
+    text = value.decode("latin-1") if isinstance(value, bytes) else "" if value is None else str(value)
+    return text.strip(" \t\r\n\0")
 
 
 def _number(text: str | None) -> float | None:

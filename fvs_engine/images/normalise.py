@@ -1,6 +1,7 @@
 """Normalisation of photographs: upright, 8-bit, JPEG or PNG."""
 
 import contextlib
+import io
 import os
 import re
 import shutil
@@ -10,8 +11,10 @@ from pathlib import Path, PurePosixPath
 from urllib.parse import quote
 
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from fvs_engine.images.catalog import Photograph
+from fvs_engine.images.embedded import read_embedded
 from fvs_engine.images.masks import read_mask, write_mask
 from fvs_engine.images.names import MASKS
 from fvs_engine.images.pixels import decode
@@ -22,6 +25,8 @@ _SUFFIXES = {"JPEG": (".jpg", ".jpeg", ".jpe"), "MPO": (".jpg", ".jpeg", ".jpe")
 _UNSAFE = re.compile(r"[\s#%]")
 _ORIENTATION_TAG = 0x0112
 _JPEG_QUALITY = 98
+_XMP_IN_JPEG = 65_000
+"""The bytes of XMP that a segment of JPEG holds."""
 
 
 def normalised_name(photograph: Photograph) -> str:
@@ -51,9 +56,9 @@ def normalise_images(
     Their masks go to the folder ``masks`` beside it, where ``masks.find_mask`` finds them.
 
     A plain file is hard-linked (copied where that is not possible), so that its metadata and its bytes
-    survive. Another one is decoded and encoded again with its EXIF, without the orientation: JPEG (quality
-    98, full chroma) if it was lossy already, else PNG. Existing files are kept, so that an interrupted
-    call can be repeated. Progress is reported as stage ``normalise``. Raises ``OSError`` when
+    survive. Another one is decoded and encoded again with its EXIF, without the orientation, and its XMP:
+    JPEG (quality 98, full chroma) if it was lossy already, else PNG. Existing files are kept, so that an
+    interrupted call can be repeated. Progress is reported as stage ``normalise``. Raises ``OSError`` when
     the folder cannot be written, ``Cancelled``.
     """
     monitor = monitor or Monitor()
@@ -113,12 +118,19 @@ def _link_or_copy(source: Path, target: Path) -> None:
 
 
 def _encode_again(photograph: Photograph, target: Path, suffix: str) -> None:
-    image = decode(photograph.path.read_bytes())
+    content = photograph.path.read_bytes()
+    image = decode(content)
     exif = _upright_exif(image.exif)
+    xmp = b"\n".join(read_embedded(io.BytesIO(content)).xmp)
     if suffix == ".png":
-        image.rgb.save(target, format="PNG", compress_level=1, exif=exif)
+        texts = PngInfo()
+        if xmp:
+            texts.add_itxt("XML:com.adobe.xmp", xmp)
+        image.rgb.save(target, format="PNG", compress_level=1, exif=exif, pnginfo=texts)
     else:
-        image.rgb.save(target, format="JPEG", quality=_JPEG_QUALITY, subsampling=0, exif=exif)
+        image.rgb.save(
+            target, format="JPEG", quality=_JPEG_QUALITY, subsampling=0, exif=exif, xmp=xmp[:_XMP_IN_JPEG]
+        )
 
 
 def _upright_exif(exif: Image.Exif) -> bytes:

@@ -3,20 +3,23 @@
 * Formats: an explicit list; Pillow tries no other.
 * Orientation: from EXIF; pixels are turned upright and the tag is dropped.
 * 16-bit greyscale is scaled by 255/65535 and rounded, the same for every image, so that exposures stay
-  comparable. (16-bit colour is reduced to 8 bits by the decoder.) 32-bit and float images have no
-  white level that all images share: they are rejected.
+  comparable. Where no value is above 4095 it is scaled by 255/4095: cameras of 12 bits write their values
+  like this. 16-bit colour is reduced to 8 bits by the decoder, so such 12 bits in it are rejected. 32-bit and
+  float images have no white level that all images share: they are rejected.
 * Transparency is composited on black, because the rasterisers render on black.
 * CMYK, palette, greyscale and bilevel images become RGB.
 """
 
 import io
 import warnings
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from PIL import Image, UnidentifiedImageError
+from PIL import Image, TiffImagePlugin, UnidentifiedImageError
 
 from fvs_engine.images.limits import (
     DEFAULT_LIMITS,
@@ -25,10 +28,8 @@ from fvs_engine.images.limits import (
     UnusableImageError,
     decoding_bytes,
 )
+from fvs_engine.images.unreadable import FORMATS, explain
 from fvs_schema.quantities import MAX_PIXELS
-
-FORMATS = ("JPEG", "PNG", "TIFF", "WEBP", "BMP")
-"""MPO, which phones and 3D cameras write, opens as JPEG; its first image is the photograph."""
 
 _ORIENTATION_TAG = 0x0112
 _TRANSPOSITIONS = {
@@ -42,10 +43,18 @@ _TRANSPOSITIONS = {
 }
 _BAND_ROWS = 256
 """Rows that are converted at a time, so that a conversion needs no second copy of the image."""
+_WHITE, _WHITE_OF_12_BITS = 65_535, 4_095
+_DARK = _WHITE_OF_12_BITS >> 8
+_MIN_IS_WHITE = 0
+"""A photometric interpretation of TIFF, and its default in Pillow; the other one of grey is 1."""
 
 # Pillow warns at this size and raises at twice it. Ours raises at once, so the warning is redundant.
 Image.MAX_IMAGE_PIXELS = MAX_PIXELS
 warnings.filterwarnings("ignore", category=Image.DecompressionBombWarning)
+# Pillow's own reader of TIFF without compression takes planes of 16 bits for planes of 8.
+TiffImagePlugin.READ_LIBTIFF = True
+# It knows this greyscale in the other byte order only.
+TiffImagePlugin.OPEN_INFO[TiffImagePlugin.MM, _MIN_IS_WHITE, (1,), 1, (16,), ()] = ("I;16B", "I;16B")
 
 
 @dataclass(frozen=True, eq=False)
@@ -61,6 +70,10 @@ class DecodedImage:
     exif: Image.Exif
 
 
+class _UnreadablePixelsError(Exception):
+    """Pillow opens the file, but its pixels are not those of a photograph."""
+
+
 def decode(content: bytes, limits: ImageLimits = DEFAULT_LIMITS) -> DecodedImage:
     """Decode the bytes of one image file to the last pixel.
 
@@ -73,8 +86,9 @@ def decode(content: bytes, limits: ImageLimits = DEFAULT_LIMITS) -> DecodedImage
     try:
         with Image.open(io.BytesIO(content), formats=FORMATS) as image:
             return _decode_opened(image, content, limits)
-    except UnidentifiedImageError as error:
-        raise UnusableImageError(_what_it_is_instead(content), hint=_CONVERT_HINT) from error
+    except (UnidentifiedImageError, _UnreadablePixelsError) as error:
+        reason, hint = explain(content)
+        raise UnusableImageError(reason, hint=hint) from error
     except (Image.DecompressionBombError, Image.DecompressionBombWarning) as error:
         raise TooLargeError(
             f"it has more than {limits.max_pixels / 1e6:g} megapixels.", hint="Scale it down first."
@@ -135,17 +149,22 @@ def _decode_opened(image: Image.Image, content: bytes, limits: ImageLimits) -> D
         raise UnusableImageError(
             "it is an animation.", hint="Save the frames you want as separate photographs."
         )
+    if image.mode in ("I", "F"):
+        raise _UnreadablePixelsError
     image.load()
     exif = _exif(image)
+    sixteen_bits = _has_sixteen_bits(image, content)
     orientation = _orientation(exif)
     plain = (
         image_format in ("JPEG", "MPO", "PNG")
         and image.mode in ("RGB", "L")
         and orientation == 1
         and not image.has_transparency_data
-        and not (content[:4] == b"\x89PNG" and content[24:25] == b"\x10")  # 16 bits
+        and not sixteen_bits
     )
     rgb = _to_rgb(image)
+    if sixteen_bits:
+        _require_range(image, rgb)
     if rgb is not image:
         image.close()
     return DecodedImage(upright(rgb, orientation), image_format, plain, exif)
@@ -159,6 +178,18 @@ def orientation_of(image: Image.Image) -> int:
 def upright(image: Image.Image, orientation: int) -> Image.Image:
     """The image turned upright, as its EXIF ``orientation`` says."""
     return image if orientation == 1 else image.transpose(_TRANSPOSITIONS[orientation])
+
+
+def _has_sixteen_bits(image: Image.Image, content: bytes) -> bool:
+    """Whether a channel has 16 bits in the file, by its header."""
+    if image.format == "PNG":
+        return content[24] == 16
+    return 16 in _tiff_tags(image).get(TiffImagePlugin.BITSPERSAMPLE, ())
+
+
+def _tiff_tags(image: Image.Image) -> Mapping[int, Any]:
+    """The tags of a TIFF; none of another format."""
+    return image.tag_v2 if isinstance(image, TiffImagePlugin.TiffImageFile) else {}
 
 
 def _orientation(exif: Image.Exif) -> int:
@@ -176,43 +207,45 @@ def _exif(image: Image.Image) -> Image.Exif:
 
 
 def _to_rgb(image: Image.Image) -> Image.Image:
-    if image.mode in ("I", "F"):
-        raise UnusableImageError(
-            "its pixels are 32-bit numbers.", hint="Export it as an 8- or 16-bit photograph."
-        )
     if image.mode == "RGB" and not image.has_transparency_data:
         return image
+    convert = _sixteen_bits_to_rgb(image) if image.mode.startswith("I;16") else _band_to_rgb
     rgb = Image.new("RGB", image.size)
-    for top in range(0, image.height, _BAND_ROWS):
-        band = image.crop((0, top, image.width, min(top + _BAND_ROWS, image.height)))
-        rgb.paste(_band_to_rgb(band), (0, top))
+    for top in _bands(image):
+        rgb.paste(convert(_band(image, top)), (0, top))
     return rgb
 
 
+def _bands(image: Image.Image) -> range:
+    return range(0, image.height, _BAND_ROWS)
+
+
+def _band(image: Image.Image, top: int) -> Image.Image:
+    return image.crop((0, top, image.width, min(top + _BAND_ROWS, image.height)))
+
+
+def _sixteen_bits_to_rgb(image: Image.Image) -> Callable[[Image.Image], Image.Image]:
+    """What converts bands of a 16-bit greyscale image."""
+    largest = max(int(np.asarray(_band(image, top)).max()) for top in _bands(image))
+    white = _WHITE if largest > _WHITE_OF_12_BITS else _WHITE_OF_12_BITS
+    scaled = (np.minimum(np.arange(_WHITE + 1), white) * 255 + white // 2) // white
+    tags = _tiff_tags(image)
+    inverted = bool(tags) and not tags.get(TiffImagePlugin.PHOTOMETRIC_INTERPRETATION, _MIN_IS_WHITE)
+    grey = (255 - scaled if inverted else scaled).astype(np.uint8)
+    return lambda band: Image.fromarray(grey[np.asarray(band, dtype=np.uint16)]).convert("RGB")
+
+
 def _band_to_rgb(band: Image.Image) -> Image.Image:
-    if band.mode.startswith("I;16"):
-        values = np.asarray(band, dtype=np.uint16).astype(np.uint32)
-        return Image.fromarray(((values * 255 + 32767) // 65535).astype(np.uint8)).convert("RGB")
     if band.has_transparency_data:
         rgba = band.convert("RGBA")
         return Image.alpha_composite(Image.new("RGBA", rgba.size, (0, 0, 0, 255)), rgba).convert("RGB")
     return band.convert("RGB")
 
 
-_CONVERT_HINT = f"Convert it to JPEG or PNG, or remove it (formats that work: {', '.join(FORMATS)})."
-
-
-def _what_it_is_instead(content: bytes) -> str:
-    head = content[:512]
-    if head.startswith((b"GIF87a", b"GIF89a")):
-        return "it is a GIF, which is not read here."
-    if head[4:8] == b"ftyp":
-        return "it is HEIC or AVIF, which is not read here."
-    if b"\0" not in head:
-        try:
-            head[:256].decode("utf-8", errors="strict" if len(head) <= 256 else "ignore")
-        except UnicodeDecodeError:
-            return "it is not an image."
-        if all(byte >= 9 for byte in head):
-            return "it is not an image but text."
-    return "it is not an image."
+def _require_range(image: Image.Image, rgb: Image.Image) -> None:
+    """Raise ``UnusableImageError`` for colours of 12 bits in 16: 4 of them are left, and almost black."""
+    if not image.mode.startswith("I;16") and np.asarray(rgb.getextrema()).max() <= _DARK:
+        raise UnusableImageError(
+            f"its 16-bit colours are below {_WHITE_OF_12_BITS + 1}, as those of 12 bits: almost black.",
+            hint="Export it with 8 bits per channel, or with colours up to 65535.",
+        )

@@ -82,7 +82,7 @@ def _inspect(folder: Path) -> object:
 
 
 def _read_metadata(folder: Path) -> object:
-    found = read_priors((folder / "image").read_bytes())
+    found = read_priors(io.BytesIO((folder / "image").read_bytes()))
     _require_finite(found)
     return found
 

@@ -1,8 +1,8 @@
-"""Reading COLMAP's database (an SQLite file): progress, image names, verified pairs, GPS positions."""
+"""COLMAP's database (an SQLite file): progress, image names, verified pairs, and positions in metadata."""
 
 import contextlib
 import sqlite3
-from collections.abc import Collection, Iterable, Iterator
+from collections.abc import Callable, Collection, Iterable, Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -20,8 +20,16 @@ _VETOED = 7
 
 _TABLES = frozenset({"cameras", "images", "keypoints", "descriptors", "matches", "two_view_geometries"})
 
+_POSITIONS = """CREATE TABLE IF NOT EXISTS positions
+    (image_id INTEGER PRIMARY KEY, latitude_deg REAL, longitude_deg REAL, altitude_m REAL)"""
+"""Not COLMAP's, which has positions in its own, but reads fewer of them: nothing reads that table."""
+
 _MAX_IMAGES = 2147483647
 """COLMAP numbers a pair as id1 × this + id2, id1 < id2."""
+
+
+Geodetic = tuple[float | None, float | None, float | None]
+"""Latitude and longitude in degrees, and altitude in m."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -106,7 +114,8 @@ def remove_images(path: Path, names: Iterable[str]) -> None:
     known = image_ids(path)
     numbers = [(known[name],) for name in names if name in known]
     with _writing(path) as db:
-        for table in ("keypoints", "descriptors", "images"):
+        db.execute(_POSITIONS)
+        for table in ("keypoints", "descriptors", "images", "positions"):
             db.executemany(f"DELETE FROM {table} WHERE image_id = ?", numbers)
         for table in ("matches", "two_view_geometries"):
             pairs = f"pair_id / {_MAX_IMAGES} = ?1 OR pair_id % {_MAX_IMAGES} = ?1"
@@ -267,27 +276,37 @@ def read_descriptors(path: Path, image_id: int) -> NDArray[np.float32]:
         database.close()
 
 
+def add_positions(path: Path, position_of: Callable[[str], Geodetic]) -> None:
+    """Store the positions in the metadata of all images of which none was stored yet.
+
+    ``position_of``: name of an image → latitude and longitude in degrees and altitude in m, each None if the
+    metadata has none.
+    """
+    if not path.exists():
+        return
+    query = "SELECT image_id, name FROM images WHERE image_id NOT IN (SELECT image_id FROM positions)"
+    with _writing(path) as db:
+        db.execute(_POSITIONS)
+        missing = db.execute(query).fetchall()
+        rows = [(image_id, *position_of(name)) for image_id, name in missing]
+        db.executemany("INSERT INTO positions VALUES (?, ?, ?, ?)", rows)
+
+
 def gps_positions(path: Path) -> dict[int, NDArray[np.float64]]:
-    """Image id → EXIF position [3], east, north, up in m from the first; images without are left out."""
-    database = pycolmap.Database.open(path)
-    try:
-        priors = [prior for prior in database.read_all_pose_priors() if prior.has_position()]
-    finally:
-        database.close()
-    geodetic = {
-        int(prior.corr_data_id.id): np.asarray(prior.position).reshape(3)
-        for prior in priors
-        if prior.coordinate_system == pycolmap.PosePriorCoordinateSystem.WGS84
-    }
-    # A receiver without a fix writes (0, 0).
-    geodetic = {
-        i: fix for i, fix in geodetic.items() if np.isfinite(fix).all() and np.abs(fix[:2]).max() > 1e-6
-    }
-    if not geodetic:
+    """Image id → position in its metadata [3], east, north, up in m from the first.
+
+    Images without one, or with a part of one, are left out.
+    """
+    with _reading(path) as db:
+        if db.execute("SELECT 1 FROM sqlite_master WHERE name = 'positions'").fetchone() is None:
+            return {}
+        whole = "latitude_deg + longitude_deg + altitude_m IS NOT NULL"
+        rows = db.execute(f"SELECT * FROM positions WHERE {whole} ORDER BY image_id").fetchall()
+    if not rows:
         return {}
-    positions = np.stack(list(geodetic.values()))
+    positions = np.array([fix for _, *fix in rows])
     east_north_up = pycolmap.GPSTransform().ellipsoid_to_enu(positions, *positions[0])
-    return dict(zip(geodetic, np.asarray(east_north_up), strict=True))
+    return dict(zip((image_id for image_id, *_ in rows), np.asarray(east_north_up), strict=True))
 
 
 def delete_database(path: Path) -> None:

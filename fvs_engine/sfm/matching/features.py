@@ -4,7 +4,7 @@ What the mask of an image leaves out has none.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
@@ -15,7 +15,14 @@ from PIL import Image
 from fvs_engine.errors import InvalidInputError, ReconstructionError
 from fvs_engine.images.focal import focal_length_px
 from fvs_engine.images.masks import read_mask, write_mask
-from fvs_engine.sfm.colmap.database import count_rows, feature_counts, image_cameras
+from fvs_engine.images.metadata import read_priors
+from fvs_engine.sfm.colmap.database import (
+    Geodetic,
+    add_positions,
+    count_rows,
+    feature_counts,
+    image_cameras,
+)
 from fvs_engine.sfm.jobs import ExtractFeatures, ImportImages
 from fvs_engine.sfm.settings import FeatureSettings, FocalPrior, SfmSettings
 from fvs_engine.sfm.stages import Stages
@@ -142,11 +149,16 @@ def _read_header(file: Path, _changed_ns: int, _size_bytes: int) -> tuple[int, i
 
 
 def import_images(stages: Stages, names: Sequence[str]) -> None:
-    """Write images into the database, each with the camera of its group among ``names``."""
+    """Write images into the database, each with the camera of its group among ``names`` and its position."""
     database = stages.folder.database
     known = image_cameras(database)
-    if all(name in known for name in names):
-        return
+    if not all(name in known for name in names):
+        _import_unknown(stages, names, known)
+    add_positions(database, lambda name: _position(stages.image_dir / name))
+
+
+def _import_unknown(stages: Stages, names: Sequence[str], known: Collection[str]) -> None:
+    database = stages.folder.database
     for group in camera_groups(stages.image_dir, names, stages.settings.focal_prior):
         missing = [name for name in group.names if name not in known]
         if not missing:
@@ -168,6 +180,12 @@ def import_images(stages: Stages, names: Sequence[str]) -> None:
             )
 
         stages.native_over(missing, request, controls=[name for name in names if name in known])
+
+
+def _position(file: Path) -> Geodetic:
+    with file.open("rb") as content:
+        priors = read_priors(content)
+    return priors.latitude_deg, priors.longitude_deg, priors.altitude_m
 
 
 def _intrinsics(settings: SfmSettings, group: CameraGroup) -> tuple[str, str]:

@@ -2,7 +2,7 @@
 
 import importlib.metadata
 
-from fvs_engine.images.pixels import FORMATS
+from fvs_engine.images.unreadable import FORMATS
 from fvs_schema.service import Capabilities
 from fvs_service.application import Application
 from fvs_service.jobs.fleet import workers_of

@@ -4,6 +4,7 @@ It runs in a child process with limits (see ``inspector``), because it decodes u
 """
 
 import hashlib
+import io
 from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
@@ -84,7 +85,7 @@ def inspect(path: Path, limits: ImageLimits) -> Inspection:
         verdict = next(verdict for kind, verdict in _VERDICTS if isinstance(error, kind))
         return Inspection(verdict, _sentence(error.message), error.hint)
     image = decoded.rgb
-    priors = read_priors(content)
+    priors = read_priors(io.BytesIO(content))
     sharpness = measure_sharpness(image)
     return Inspection(
         Verdict.ACCEPTED,

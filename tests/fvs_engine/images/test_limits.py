@@ -4,7 +4,9 @@ import struct
 import subprocess
 import sys
 import zlib
+from typing import Any
 
+import piexif
 import pytest
 from PIL import Image
 
@@ -74,15 +76,37 @@ def test_nothing_is_decoded_before_the_limits_are_checked(image_format: str, mon
         decode(out.getvalue(), ImageLimits(max_pixels=1_000))
 
 
+IN_ONE_SCAN = ImageLimits(max_decoding_bytes=9_000_000)
+
+
+def jpeg_of(image: Image.Image, **options: Any) -> bytes:
+    out = io.BytesIO()
+    image.save(out, options.pop("format", "JPEG"), **options)
+    return out.getvalue()
+
+
 def test_a_progressive_jpeg_counts_its_coefficients():
-    image = Image.new("RGB", (1_000, 1_000))
-    once, often = io.BytesIO(), io.BytesIO()
-    image.save(once, "JPEG")
-    image.save(often, "JPEG", progressive=True)
-    limits = ImageLimits(max_decoding_bytes=9_000_000)
-    assert decode(once.getvalue(), limits).rgb.size == (1_000, 1_000)
     with pytest.raises(TooLargeError, match="10 MB"):
-        decode(often.getvalue(), limits)
+        decode(jpeg_of(Image.new("RGB", (1_000, 1_000)), progressive=True), IN_ONE_SCAN)
+
+
+def test_a_jpeg_with_a_scan_of_each_channel_counts_its_coefficients():
+    content = jpeg_of(Image.new("RGB", (1_000, 1_000)))
+    scan = content.index(b"\xff\xda")
+    alone = content[:scan] + b"\xff\xda\0\x08\1\1\0\0\x3f\0" + content[scan + 14 :]
+    with pytest.raises(TooLargeError, match="10 MB"):
+        decode(alone, IN_ONE_SCAN)
+
+
+def test_pictures_inside_and_behind_a_jpeg_are_not_scans_of_it():
+    image, small = Image.new("RGB", (1_000, 1_000)), Image.new("RGB", (160, 120))
+    preview = jpeg_of(small, progressive=True)
+    thumbnail = piexif.dump({"0th": {}, "1st": {}, "thumbnail": jpeg_of(small)})
+    behind = jpeg_of(image) + preview
+    several = jpeg_of(image, format="MPO", save_all=True, append_images=[image])
+    for content in (jpeg_of(image, exif=thumbnail), jpeg_of(image, comment=preview), behind, several):
+        assert content.count(b"\xff\xda") > 1
+        assert decode(content, IN_ONE_SCAN).rgb.size == (1_000, 1_000)
 
 
 _PEAK = """

@@ -6,10 +6,16 @@ from typing import Any
 import piexif
 import pytest
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
-from fvs_engine.images.metadata import PhotographPriors, read_priors
+from fvs_engine.images import metadata
+from fvs_engine.images.metadata import PhotographPriors
 
 DEGREES, MINUTES, SECONDS = (48, 1), (18, 1), (3600, 100)
+
+
+def read_priors(content: bytes) -> PhotographPriors:
+    return metadata.read_priors(io.BytesIO(content))
 
 
 def _jpeg(exif: dict[str, Any] | None = None, xmp: str = "") -> bytes:
@@ -17,11 +23,15 @@ def _jpeg(exif: dict[str, Any] | None = None, xmp: str = "") -> bytes:
     options = {"exif": piexif.dump(exif)} if exif else {}
     Image.new("RGB", (8, 8)).save(out, "JPEG", **options)
     content = out.getvalue()
-    if not xmp:
-        return content
-    packet = b"http://ns.adobe.com/xap/1.0/\0" + xmp.encode()
-    segment = b"\xff\xe1" + (len(packet) + 2).to_bytes(2, "big") + packet
-    return content[:2] + segment + content[2:]
+    return _with_packets(content, xmp.encode()) if xmp else content
+
+
+def _with_packets(content: bytes, *packets: bytes) -> bytes:
+    segments = b""
+    for packet in packets:
+        named = b"http://ns.adobe.com/xap/1.0/\0" + packet
+        segments += b"\xff\xe1" + (len(named) + 2).to_bytes(2, "big") + named
+    return content[:2] + segments + content[2:]
 
 
 def _gps(**changes: Any) -> dict[str, Any]:
@@ -56,6 +66,101 @@ def test_a_fix_is_read_with_its_hemispheres() -> None:
 
 
 @pytest.mark.parametrize(
+    "latitude",
+    [
+        ((48, 1), (1_830, 100), (0, 0)),
+        ((48, 1), (1_830, 100), (0, 1)),
+        ((48, 1), (1_830, 100)),
+        ((48_305, 1_000), (0, 0), (0, 0)),
+        ((48_305, 1_000), (0, 1)),
+        (48_305, 1_000),
+    ],
+)
+def test_degrees_and_minutes_may_be_decimal_numbers(latitude: Any) -> None:
+    priors = read_priors(_jpeg(_gps(GPSLatitude=latitude)))
+    assert priors.latitude_deg == pytest.approx(-48.305)
+    assert priors.longitude_deg == 7.5
+
+
+@pytest.mark.parametrize(("reference", "sign"), [(None, 1), (0, 1), (1, -1), (2, 1), (3, -1)])
+def test_altitudes_are_above_or_below_either_reference_of_exif_3(reference: int | None, sign: int) -> None:
+    priors = read_priors(_jpeg(_gps(GPSAltitudeRef=reference, GPSAltitude=(430, 1))))
+    assert priors.altitude_m == sign * 430.0
+
+
+def _in_format(file_format: str, exif: bytes, packet: bytes) -> bytes:
+    out = io.BytesIO()
+    options: dict[str, Any] = {"exif": exif, "xmp": packet}
+    if file_format == "PNG":
+        options["pnginfo"] = PngInfo()
+        options["pnginfo"].add_itxt("XML:com.adobe.xmp", packet.decode(), zip=True)
+    elif file_format == "TIFF":
+        options["exif"] = Image.Exif()
+        options["exif"].load(exif)
+        options["exif"][700] = packet
+    Image.new("RGB", (8, 8)).save(out, file_format, **options)
+    return out.getvalue()
+
+
+@pytest.mark.parametrize("file_format", ["JPEG", "PNG", "TIFF", "WEBP"])
+def test_every_format_has_its_fix_and_attitude(file_format: str) -> None:
+    exif = piexif.dump(_gps() | {"Exif": {piexif.ExifIFD.DateTimeOriginal: b"2026:05:04 03:02:01"}})
+    packet = _xmp('drone-dji:GimbalYawDegree="-12.5" drone-dji:GimbalPitchDegree="-30.0"').encode()
+    priors = read_priors(_in_format(file_format, exif, packet))
+    assert (priors.latitude_deg, priors.longitude_deg) == (pytest.approx(-48.31), 7.5)
+    assert (priors.altitude_m, priors.yaw_deg, priors.pitch_deg) == (412.5, -12.5, -30.0)
+    assert priors.captured_at == datetime(2026, 5, 4, 3, 2, 1, tzinfo=UTC)
+
+
+def test_the_exif_of_a_webp_may_have_the_prefix_of_jpeg() -> None:
+    block = piexif.dump(_gps())
+    chunk = b"EXIF" + len(block).to_bytes(4, "little") + block + b"\0" * (len(block) % 2)
+    content = _in_format("WEBP", b"", b"")
+    assert read_priors(content + chunk).longitude_deg == 7.5
+
+
+@pytest.mark.parametrize(
+    "changed",
+    [
+        lambda xmp: xmp.replace("x:xmpmeta", "xmp:xmpmeta").replace("xmlns:x=", "xmlns:xmp="),
+        lambda xmp: (
+            xmp.replace("x:xmpmeta", "ns0:xmpmeta").replace("rdf:", "ns1:").replace("drone-dji", "ns2")
+        ),
+        lambda xmp: xmp[xmp.index("<rdf:RDF") : xmp.index("</x:xmpmeta>")],
+        lambda xmp: xmp.replace("<rdf:Description", '<rdf:Description dc:title="Rock & Roll"'),
+        lambda xmp: xmp.replace("<rdf:Description", '<rdf:Description dc:title="caf\xe9"'),
+        lambda xmp: "<?xpacket begin='\ufeff' id='W5M0MpCehiHzreSzNTczkc9d'?>" + xmp + "<?xpacket end='w'?>",
+        lambda xmp: xmp.replace("drone-dji:", "").replace('"', "'"),
+        lambda xmp: xmp.replace("Degree=", "Degree \n = "),
+    ],
+)
+@pytest.mark.parametrize("encoding", ["utf-8", "latin-1"])
+def test_gimbal_angles_are_found_in_packets_of_all_kinds(
+    changed: Callable[[str], str], encoding: str
+) -> None:
+    values = 'drone-dji:GimbalYawDegree="-12.5"\n drone-dji:GimbalPitchDegree="-30.0"'
+    packet = changed(_xmp(values)).encode(encoding, errors="ignore")
+    priors = read_priors(_with_packets(_jpeg(), packet))
+    assert (priors.yaw_deg, priors.pitch_deg) == (-12.5, -30.0)
+
+
+def test_every_packet_of_a_file_is_read() -> None:
+    first = _xmp('xmp:CreatorTool="retouched"').encode()
+    second = _xmp(
+        'drone-dji:GimbalYawDegree="10.0"', "<drone-dji:GimbalRollDegree>1.0</drone-dji:GimbalRollDegree>"
+    )
+    priors = read_priors(_with_packets(_jpeg(), first, second.encode()))
+    assert (priors.yaw_deg, priors.roll_deg) == (10.0, 1.0)
+
+
+def test_metadata_of_a_preview_is_not_that_of_the_photograph() -> None:
+    preview = _jpeg(_gps(), _xmp('drone-dji:GimbalYawDegree="10.0"'))
+    out = io.BytesIO()
+    Image.new("RGB", (8, 8)).save(out, "JPEG", comment=preview)
+    assert read_priors(out.getvalue() + preview) == PhotographPriors()
+
+
+@pytest.mark.parametrize(
     "changes",
     [
         {"GPSLatitudeRef": None},
@@ -64,6 +169,9 @@ def test_a_fix_is_read_with_its_hemispheres() -> None:
         {"GPSLatitude": ((0, 1), (0, 1), (0, 1)), "GPSLongitude": ((0, 1), (0, 1), (0, 1))},
         {"GPSLatitude": ((91, 1), (0, 1), (0, 1))},
         {"GPSLatitude": ((48, 0), (0, 1), (0, 1))},
+        {"GPSLatitude": ((0, 0), (18, 1), (0, 1))},
+        {"GPSLatitude": ((48, 1), (18, 0))},
+        {"GPSLatitude": ((48, 1), (18, 1), (36, 1), (0, 1))},
     ],
 )
 def test_a_fix_that_cannot_be_true_is_left_out_and_said(changes: dict[str, Any]) -> None:

@@ -6,6 +6,7 @@ from PIL import Image
 
 from fvs_engine.errors import Cancelled
 from fvs_engine.images.catalog import catalog_images
+from fvs_engine.images.metadata import read_priors
 from fvs_engine.images.normalise import normalise_images
 from fvs_engine.images.pixels import load_rgb
 from fvs_engine.monitor import Monitor
@@ -29,9 +30,10 @@ def test_every_other_kind_becomes_upright_eight_bit(tmp_path: Path) -> None:
     exif = Image.Exif()
     exif[0x0112] = 6
     exif.get_ifd(0x8769)[0xA405] = 28
-    Image.fromarray(_pixels(0)).save(source / "held.jpg", exif=exif)
+    packet = b'<rdf:Description drone-dji:GimbalYawDegree="-12.5"/>'
+    Image.fromarray(_pixels(0)).save(source / "held.jpg", exif=exif, xmp=packet)
     Image.fromarray(_pixels(1)).convert("CMYK").save(source / "print.jpg")
-    Image.fromarray(_pixels(2)).convert("RGBA").save(source / "scan.tif")
+    Image.fromarray(_pixels(2)).convert("RGBA").save(source / "scan.tif", tiffinfo={700: packet})
     Image.fromarray(_pixels(3)).save(source / "scan.png")
     Image.fromarray(_pixels(4)[..., 0].astype(np.uint16) * 257).save(source / "deep.png")
     Image.fromarray(_pixels(5)).save(source / "wrong suffix.jpg", format="PNG")
@@ -57,6 +59,9 @@ def test_every_other_kind_becomes_upright_eight_bit(tmp_path: Path) -> None:
         assert error == 0 if path.suffix == ".png" else error < 3
     with Image.open(paths["held.jpg"]) as image:
         assert image.getexif().get_ifd(0x8769)[0xA405] == 28
+    for name in ("held.jpg", "scan.tif.png"):
+        with paths[name].open("rb") as file:
+            assert read_priors(file).yaw_deg == -12.5
 
 
 def test_names_that_colmap_could_not_write_in_a_list_are_escaped(tmp_path: Path) -> None:

@@ -50,12 +50,16 @@ def test_every_orientation_comes_out_upright(corners: Image.Image, orientation: 
     assert decoded.plain == (orientation == 1)
 
 
-@pytest.mark.parametrize("value", [0, 1, 128, 129, 257, 32768, 65535])
-def test_sixteen_bit_grey_is_scaled_to_the_nearest_of_eight(value: int) -> None:
-    image = Image.fromarray(np.full((40, 40), value, dtype=np.uint16))
+@pytest.mark.parametrize(
+    ("largest", "white"), [(65_535, 65_535), (4_096, 65_535), (4_095, 4_095), (9, 4_095)]
+)
+def test_sixteen_bit_grey_is_scaled_to_the_nearest_of_eight(largest: int, white: int) -> None:
+    values = np.array([0, 1, 128, 129, 257, 32_768, 65_535]).clip(max=largest)
+    image = Image.fromarray(np.tile(values.astype(np.uint16), (40, 6)))
     for file_format in ("PNG", "TIFF"):
         decoded = decode(_encode(image, file_format))
-        assert np.unique(np.asarray(decoded.rgb)).tolist() == [round(value / 257)]
+        expected = [round(value * 255 / white) for value in values]
+        assert np.asarray(decoded.rgb)[0, :7, 0].tolist() == expected
         assert not decoded.plain
 
 
@@ -109,6 +113,9 @@ def test_cmyk_jpeg_keeps_its_colours(corners: Image.Image) -> None:
         (bytes(range(256)) * 8, "not an image"),
         (b"\0\0\0\x18ftypheic" + bytes(500), "HEIC"),
         (b"GIF89a" + bytes(500), "GIF"),
+        (bytes(700), "only zero bytes"),
+        (b"\x89PNG\r\n\x1a\n" + bytes(500), "PNG whose header is damaged"),
+        (b"II*\0" + bytes(500), "TIFF whose header is damaged"),
     ],
 )
 def test_what_is_no_image_is_refused_with_a_remedy(content: bytes, reason: str) -> None:
@@ -131,9 +138,29 @@ def test_animations_are_refused(corners: Image.Image) -> None:
         decode(content)
 
 
-def test_float_pixels_are_refused() -> None:
-    with pytest.raises(UnusableImageError, match="32-bit"):
-        decode(_encode(Image.new("F", (40, 40), 0.5), "TIFF"))
+def _with_frame(jpeg: bytes, at: int, value: int) -> bytes:
+    """The JPEG with one byte of its frame header changed: 0 is the precision, 5 the number of channels."""
+    start = jpeg.index(b"\xff\xc0") + 4 + at
+    return jpeg[:start] + bytes([value]) + jpeg[start + 1 :]
+
+
+@pytest.mark.parametrize(
+    ("at", "value", "kind"), [(0, 12, "3 channels with 12 bits"), (5, 2, "2 channels with 8 bits")]
+)
+def test_another_kind_of_jpeg_is_refused_by_name(
+    corners: Image.Image, at: int, value: int, kind: str
+) -> None:
+    with pytest.raises(UnusableImageError, match=f"JPEG of {kind}") as caught:
+        decode(_with_frame(_encode(corners, "JPEG"), at, value))
+    assert "8 bits" in (caught.value.hint or "")
+
+
+@pytest.mark.parametrize("file_format", ["JPEG", "PNG", "TIFF"])
+def test_zeros_before_a_photograph_are_counted(corners: Image.Image, file_format: str) -> None:
+    content = bytes(512) + _encode(corners, file_format)
+    with pytest.raises(UnusableImageError, match=f"{file_format} behind 512 zero bytes") as caught:
+        decode(content)
+    assert "tail -c +513" in (caught.value.hint or "")
 
 
 def test_a_file_that_claims_terabytes_is_refused_before_it_is_decoded() -> None:

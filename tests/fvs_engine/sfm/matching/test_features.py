@@ -6,10 +6,11 @@ import numpy as np
 import pycolmap
 import pytest
 from PIL import Image
+from PIL.ExifTags import IFD
 
 from fvs_engine.choices import CameraModel
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.colmap.database import image_cameras, image_ids
+from fvs_engine.sfm.colmap.database import gps_positions, image_cameras, image_ids, remove_images
 from fvs_engine.sfm.jobs import ExtractFeatures
 from fvs_engine.sfm.matching.features import add_features, import_images
 from fvs_engine.sfm.settings import FeatureSettings, FocalPrior, SfmSettings
@@ -183,3 +184,32 @@ def test_what_a_mask_leaves_out_has_no_features(tmp_path: Path) -> None:
     np.testing.assert_array_equal(first["whole.png"], second["whole.png"])
     (tmp_path / "masks" / "masked.png").unlink()
     np.testing.assert_array_equal(features()["masked.png"], first["whole.png"])
+
+
+def gps(latitude: tuple[float, ...], altitude_m: float | None = 100.0) -> bytes:
+    tags = {1: "N", 2: latitude, 3: "E", 4: (7.0, 30.0, 0.0), 5: b"\0", 6: altitude_m}
+    exif = Image.Exif()
+    exif.get_ifd(IFD.GPSInfo).update({tag: value for tag, value in tags.items() if value is not None})
+    return exif.tobytes()
+
+
+def test_positions_in_metadata_are_those_that_the_upload_has_too(tmp_path: Path):
+    grey = Image.new("RGB", (64, 48))
+    packet = b'<d GpsLatitude="48.002" GpsLongitude="7.5" AbsoluteAltitude="+130.0">'
+    grey.save(tmp_path / "a.jpg", exif=gps((48.0, 0.0, 0.0)))
+    grey.save(tmp_path / "b.png", exif=gps((48.0, 0.06)))
+    grey.save(tmp_path / "c.jpg", xmp=packet)
+    grey.save(tmp_path / "d.jpg", exif=gps((48.0, 0.0, 0.0), None))
+    grey.save(tmp_path / "e.jpg")
+    imported(tmp_path, SfmSettings())
+    database = tmp_path / "sfm" / "database.db"
+    ids = image_ids(database)
+    found = gps_positions(database)
+    assert list(found) == [ids["a.jpg"], ids["b.png"], ids["c.jpg"]]
+    assert np.stack(list(found.values())) == pytest.approx(
+        np.array([[0.0, 0.0, 0.0], [0.0, 111.2, 0.0], [0.0, 222.4, 30.0]]), abs=0.1
+    )
+    remove_images(database, ["a.jpg"])
+    assert list(gps_positions(database)) == [ids["b.png"], ids["c.jpg"]]
+    imported(tmp_path, SfmSettings())
+    assert len(gps_positions(database)) == 3
