@@ -12,7 +12,7 @@ from fvs_engine.files.folders import require_folder
 from fvs_engine.images.focal import focal_length_px
 from fvs_engine.images.limits import ImageLimits, UnusableImageError
 from fvs_engine.images.masks import find_mask, mask_of
-from fvs_engine.images.names import is_mask
+from fvs_engine.images.names import is_mask, readable_name
 from fvs_engine.images.pixels import decode
 from fvs_engine.monitor import Monitor
 from fvs_schema.quantities import MIN_SIDE_PX
@@ -46,10 +46,10 @@ _LIMITS = ImageLimits(min_side_px=MIN_SIDE_PX)
 class Photograph:
     """A photograph that decodes to its last pixel.
 
-    ``name`` is its posix path below the folder; the size is that of the upright image; ``focal_px`` is EXIF's
-    focal length in px, None without one; ``plain``: the file needs no conversion (8 bits, upright, JPEG or
-    PNG); ``format`` is that of the content, whatever the suffix. ``masked``: not all of it counts;
-    ``mask`` is the file with its mask, None without one.
+    ``name`` is the ``readable_name`` of its posix path below the folder; the size is that of the upright
+    image; ``focal_px`` is EXIF's focal length in px, None without one; ``plain``: the file needs no
+    conversion (8 bits, upright, JPEG or PNG); ``format`` is that of the content, whatever the suffix.
+    ``masked``: not all of it counts; ``mask`` is the file with its mask, None without one.
     """
 
     path: Path
@@ -101,16 +101,19 @@ def catalog_images(
     ``InvalidInputError`` when ``folder`` is not a readable folder, ``Cancelled``.
     """
     monitor = monitor or Monitor()
-    candidates: list[str] = []
+    candidates: dict[str, Path] = {}
     rejected: list[RejectedImage] = []
     ignored: list[str] = []
-    masks: list[str] = []
-    for name in _file_names(folder, leave_out):
-        suffix = Path(name).suffix.lower()
+    masks: dict[Path, str] = {}
+    for name, path in _named_files(folder, leave_out):
+        suffix = path.suffix.lower()
         if is_mask(name):
-            masks.append(name)
+            masks[path] = name
+        elif suffix in SUFFIXES and name in candidates:
+            reason = "another file has this name, if bytes that are not UTF-8 are written like this."
+            rejected.append(RejectedImage(name, reason, "Rename one of the two."))
         elif suffix in SUFFIXES:
-            candidates.append(name)
+            candidates[name] = path
         elif suffix in UNREADABLE_SUFFIXES:
             reason = f"{suffix[1:].upper()} files are not read here."
             rejected.append(RejectedImage(name, reason, "Export it as JPEG or PNG."))
@@ -119,7 +122,7 @@ def catalog_images(
 
     first_with: dict[str, str] = {}
     photographs: list[Photograph] = []
-    for result in _examined(folder, candidates, monitor, threads):
+    for result in _examined(folder, list(candidates.values()), monitor, threads):
         if isinstance(result, RejectedImage):
             rejected.append(result)
         elif result.sha256 in first_with:
@@ -128,9 +131,9 @@ def catalog_images(
         else:
             first_with[result.sha256] = result.name
             photographs.append(result)
-    used = {find_mask(folder, name) for name in candidates} if masks else set()
-    for name in masks:
-        if folder / name not in used:
+    used = {find_mask(folder, _below(folder, path)) for path in candidates.values()} if masks else set()
+    for path, name in masks.items():
+        if path not in used:
             reason = "it is in a folder of masks, and no photograph has this name."
             hint = "The mask of a.jpg is masks/a.png or masks/a.jpg.png. Move photographs to another folder."
             rejected.append(RejectedImage(name, reason, hint))
@@ -143,7 +146,7 @@ def require_usable(folder: Path, names: Sequence[str], *, monitor: Monitor | Non
 
     Stage ``images``. Raises ``InvalidInputError`` for the first that cannot be used, ``Cancelled``.
     """
-    for result in _examined(folder, names, monitor or Monitor(), None):
+    for result in _examined(folder, [folder / name for name in names], monitor or Monitor(), None):
         if isinstance(result, RejectedImage):
             raise InvalidInputError(
                 f"{folder / result.name} cannot be used: {result.reason}",
@@ -153,26 +156,32 @@ def require_usable(folder: Path, names: Sequence[str], *, monitor: Monitor | Non
 
 
 def _examined(
-    folder: Path, names: Sequence[str], monitor: Monitor, threads: int | None
+    folder: Path, files: Sequence[Path], monitor: Monitor, threads: int | None
 ) -> Iterator[Photograph | RejectedImage]:
-    """The photograph or rejection of each of ``names``, in their order."""
+    """The photograph or rejection of each of the ``files`` below ``folder``, in their order."""
     executor = ThreadPoolExecutor(threads or os.cpu_count() or 1)
     try:
-        results = executor.map(lambda name: _examine(folder, name), names)
+        results = executor.map(lambda path: _examine(folder, path), files)
         for done, result in enumerate(results, start=1):
             yield result
-            monitor.report(Stage.IMAGES, done, len(names))
+            monitor.report(Stage.IMAGES, done, len(files))
             monitor.check()
     finally:
         executor.shutdown(cancel_futures=True)
 
 
-def _file_names(folder: Path, leave_out: Path | None) -> list[str]:
+def _named_files(folder: Path, leave_out: Path | None) -> list[tuple[str, Path]]:
+    """Readable name and path of each file, sorted by name."""
     require_folder(folder, "Give the folder that holds the photographs.")
-    return sorted(_walk(folder, leave_out.resolve() if leave_out else None))
+    paths = _walk(folder, leave_out.resolve() if leave_out else None)
+    return sorted((readable_name(_below(folder, path)), path) for path in paths)
 
 
-def _walk(folder: Path, leave_out: Path | None) -> Iterator[str]:
+def _below(folder: Path, path: Path) -> str:
+    return path.relative_to(folder).as_posix()
+
+
+def _walk(folder: Path, leave_out: Path | None) -> Iterator[Path]:
     def stop(error: OSError) -> None:
         raise InvalidInputError(
             f"The folder {error.filename} cannot be read: {error.strerror}.",
@@ -188,17 +197,18 @@ def _walk(folder: Path, leave_out: Path | None) -> Iterator[str]:
         ]
         for name in files:
             if not name.startswith("."):
-                yield Path(parent, name).relative_to(folder).as_posix()
+                yield Path(parent, name)
 
 
-def _examine(folder: Path, name: str) -> Photograph | RejectedImage:
-    path = folder / name
+def _examine(folder: Path, path: Path) -> Photograph | RejectedImage:
+    own_name = _below(folder, path)
+    name = readable_name(own_name)
     try:
         content = path.read_bytes()
         image = decode(content, _LIMITS)
-        masked = mask_of(folder, name) is not None
+        masked = mask_of(folder, own_name) is not None
     except UnusableImageError as error:
-        return RejectedImage(name, error.message, error.hint)
+        return RejectedImage(name, readable_name(error.message), error.hint)
     except OSError as error:
         return RejectedImage(
             name, f"it cannot be read: {error.strerror}.", "Check the file and its permissions."
@@ -214,5 +224,5 @@ def _examine(folder: Path, name: str) -> Photograph | RejectedImage:
         format=image.format,
         plain=image.plain,
         masked=masked,
-        mask=find_mask(folder, name),
+        mask=find_mask(folder, own_name),
     )

@@ -33,8 +33,10 @@ _OVERRIDING = ("DELETE", "HEAD", "PATCH")
 _SHA256 = re.compile(r"[0-9a-f]{64}")
 _NUMBER = re.compile(r"[0-9]{1,18}")
 _MAX_METADATA_BYTES = 8_192
-_OF_BROWSERS = frozenset({"filetype", "type", "relativePath"})
-"""Metadata that common clients add by themselves; the bytes have the same information."""
+_OF_BROWSERS = frozenset(
+    {"filetype", "type", "size", "lastModified", "lastModifiedDate", "relativePath", "webkitRelativePath"}
+)
+"""Metadata that common clients add by themselves: the properties of a browser's file, but for its name."""
 _METADATA_HINT = "Write each as a name, a space, and its value in base64; separate them by commas."
 
 

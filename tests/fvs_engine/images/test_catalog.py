@@ -1,3 +1,4 @@
+import os
 import shutil
 from pathlib import Path
 
@@ -24,6 +25,25 @@ def test_names_with_spaces_unicode_and_subfolders(tmp_path: Path) -> None:
     assert [photograph.name for photograph in catalog.photographs] == names
     assert all(photograph.path.is_file() for photograph in catalog.photographs)
     assert not catalog.rejected
+
+
+def test_names_that_are_not_utf_8_can_be_printed_and_stored(tmp_path: Path) -> None:
+    def named(name: bytes) -> Path:
+        return tmp_path / os.fsdecode(name)
+
+    for seed, name in enumerate((b"DCIM\xe9/caf\xe9.jpg", b"\xcd\xbc1.jpg", b"caf\xe8.jpg", b"caf%E9.jpg")):
+        _photograph(named(name), seed)
+    named(b"cut\xe9.jpg").write_bytes(b"\xff\xd8\xff")
+    _photograph(named(b"caf\xe9.jpg"), 9)
+    catalog = catalog_images(tmp_path)
+    assert {photograph.name: os.fsencode(photograph.path.name) for photograph in catalog.photographs} == {
+        "DCIM%E9/caf%E9.jpg": b"caf\xe9.jpg",
+        "ͼ1.jpg": b"\xcd\xbc1.jpg",
+        "caf%E8.jpg": b"caf\xe8.jpg",
+        "caf%E9.jpg": b"caf%E9.jpg",
+    }
+    assert [image.name for image in catalog.rejected] == ["caf%E9.jpg", "cut%E9.jpg"]
+    assert "another file has this name" in catalog.rejected[0].reason
 
 
 def test_one_bad_file_of_each_kind_among_good_ones(tmp_path: Path) -> None:
