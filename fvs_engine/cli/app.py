@@ -5,7 +5,7 @@ invalid arguments must be answered at once.
 """
 
 import importlib.metadata
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -30,6 +30,7 @@ from fvs_engine.cli.select import select
 from fvs_engine.cli.simulate import simulate
 from fvs_engine.cli.simulate_vehicle import simulate_vehicle
 from fvs_engine.errors import ContradictedModelsError, ContradictedPositionsError, EngineError
+from fvs_schema.names import readable_name
 
 if TYPE_CHECKING:
     from fvs_engine.monitor import Monitor
@@ -38,8 +39,21 @@ if TYPE_CHECKING:
 COMMANDS = "fvs.commands"
 """Entry point group: functions that are called with ``app`` and add commands to it."""
 
+
+class _Fvs(Program):
+    """The group of commands: what they write names the folders that they got, as UTF-8."""
+
+    def check(self, arguments: Sequence[str]) -> None:
+        """See ``Program``."""
+        for word in arguments:
+            if readable_name(word) != word:
+                raise typer.BadParameter(
+                    f"{readable_name(word)} has bytes (%…) that are not UTF-8. Rename it, or link to it."
+                )
+
+
 app = typer.Typer(
-    cls=Program,
+    cls=_Fvs,
     help="Reconstruct photographs as 3D Gaussian splats, and rank the views to photograph next.\n\n"
     "Options may stand before or after the command.",
     epilog="Exit statuses: 0 done, 2 wrong usage, 130 stopped; the others: docs/reference/exit-statuses.md.",

@@ -12,9 +12,10 @@ from fvs_engine.files.folders import require_folder
 from fvs_engine.images.focal import focal_length_px
 from fvs_engine.images.limits import ImageLimits, UnusableImageError
 from fvs_engine.images.masks import find_mask, mask_of
-from fvs_engine.images.names import is_mask, readable_name
+from fvs_engine.images.names import is_mask
 from fvs_engine.images.pixels import decode
 from fvs_engine.monitor import Monitor
+from fvs_schema.names import readable_name
 from fvs_schema.quantities import MIN_SIDE_PX
 from fvs_schema.stages import Stage
 

@@ -1,6 +1,5 @@
 """Matching of names from a COLMAP model, a ``transforms.json`` or a request to image files."""
 
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -9,13 +8,6 @@ from pathlib import Path, PurePosixPath
 from fvs_engine.errors import InvalidInputError
 
 _LISTED = 8
-_UNDECODABLE = re.compile("[\udc80-\udcff]")
-"""What Python makes of the bytes of a file's name that are not UTF-8."""
-
-
-def readable_name(name: str) -> str:
-    """The name of a file as text that can be printed and stored: a byte that is not UTF-8 becomes ``%E9``."""
-    return _UNDECODABLE.sub(lambda found: f"%{ord(found[0]) - 0xDC00:02X}", name)
 
 MASKS = "masks"
 """The folder of masks, beside photographs."""

@@ -24,6 +24,7 @@ from fvs_engine.sfm.colmap.model import (
 )
 from fvs_engine.views import AnyView, View
 from fvs_schema.findings import Finding, FindingCode
+from fvs_schema.names import readable_name
 
 _MIN_VIEWS = 2
 
@@ -103,7 +104,7 @@ def read_dataset(images: Path, colmap: Path | None = None, transforms: Path | No
     if missing:
         code = FindingCode.VIEWS_WITHOUT_PHOTOGRAPH
         warnings.append(Finding.of(code, missing, of=len(posed), source=str(source)))
-    unposed = sorted(_photograph_names(images) - {view.name for view in views})
+    unposed = sorted(map(readable_name, _photograph_names(images) - {view.name for view in views}))
     if unposed:
         warnings.append(Finding.of(FindingCode.PHOTOGRAPHS_WITHOUT_POSE, unposed))
     points = None if model is None else points_from_pycolmap(model, names)

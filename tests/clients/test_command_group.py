@@ -1,12 +1,13 @@
 """What both programs do: options before or after the command, errors as JSON, help, version, completion."""
 
 import json
+import os
 from collections.abc import Sequence
 
 import pytest
 import typer
 from fvs_client.cli.app import app as client
-from fvs_client.cli.command_group import arranged
+from fvs_client.cli.command_group import Program, arranged
 from typer.testing import CliRunner
 
 from fvs_engine.cli.app import app as program
@@ -93,6 +94,21 @@ def test_wrong_usage_is_json_where_json_is_asked_for(line: str, reason: str, com
     assert reason in error["message"]
     described = error["hint"].replace("`root ", f"`{name} ")
     assert described == f"`{command} --help` describes the options."
+
+
+def test_names_that_are_no_text_are_escaped_on_stdout() -> None:
+    app = typer.Typer(cls=Program)
+
+    @app.command()
+    def files() -> None:
+        typer.echo(json.dumps(os.fsdecode(b"caf\xe9.jpg"), ensure_ascii=False))
+
+    @app.callback()
+    def group() -> None: ...
+
+    result = CliRunner().invoke(app, ["files"])
+    assert result.exit_code == 0, result.output
+    assert result.stdout == '"caf\\udce9.jpg"\n'
 
 
 @pytest.mark.parametrize("name", APPS)

@@ -6,6 +6,8 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
+from fvs_schema.names import readable_name
+
 Paths = str | PathLike[str] | Iterable[str | PathLike[str]]
 
 SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".mpo", ".bmp"})
@@ -74,7 +76,6 @@ def _files_in(folder: Path) -> list[ImageFile]:
 def scene_name(parts: Sequence[str]) -> str:
     """The name in the scene of the file with these parts of its path below the folder that was given.
 
-    One that the service accepts: no control characters or undecodable bytes, not too long.
+    One that the service accepts: readable, without control characters, not too long.
     """
-    readable = "_".join(parts).encode("utf-8", errors="replace").decode()
-    return re.sub(r"[\x00-\x1f\x7f/\\]", "_", readable)[-_LONGEST_NAME:]
+    return re.sub(r"[\x00-\x1f\x7f/\\]", "_", readable_name("_".join(parts)))[-_LONGEST_NAME:]

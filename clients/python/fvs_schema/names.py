@@ -1,5 +1,6 @@
 """Names and ids that senders choose, and the forms that they have."""
 
+import re
 from typing import Annotated
 
 from pydantic import Field
@@ -28,3 +29,11 @@ ImageName = Annotated[str, Field(min_length=1, max_length=255, pattern=_IMAGE)]
 """The sender's name of the image; it is never a path."""
 SceneName = Annotated[str, Field(min_length=1, max_length=200, pattern=_SCENE)]
 """A name for people; several scenes may have the same."""
+
+_UNDECODABLE = re.compile("[\udc80-\udcff]")
+"""What Python makes of the bytes of a file's name that are not UTF-8."""
+
+
+def readable_name(name: str) -> str:
+    """The name of a file as text that can be printed and stored: a byte that is not UTF-8 becomes ``%E9``."""
+    return _UNDECODABLE.sub(lambda found: f"%{ord(found[0]) - 0xDC00:02X}", name)

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from fvs_client.spool.errors import SpoolError, card_is_full
-from fvs_client.spool.outbox import FILE_NAME, Outbox
+from fvs_client.spool.outbox import FILE_MISSING, FILE_NAME, Outbox
 from fvs_client.spool.photograph import NewPhotograph, Refusal, State
 
 
@@ -129,8 +129,10 @@ def test_what_decides_about_files_is_on_the_disk_when_it_is_noted(outbox: Outbox
 
 def test_names_that_are_no_text_are_kept(outbox: Outbox, tmp_path: Path) -> None:
     path = tmp_path / "\udcff.jpg"
-    outbox.add(replace(_new(path), name="?.jpg"))
+    outbox.add(replace(_new(path), name="%FF.jpg"))
     assert outbox.get(1).path == path
+    outbox.refuse(1, Refusal(FILE_MISSING, f"{path} is gone."))
+    assert outbox.get(1).refusal == Refusal(FILE_MISSING, f"{tmp_path}/%FF.jpg is gone.")
 
 
 def test_on_a_full_card_an_acknowledgement_is_still_noted(outbox: Outbox, tmp_path: Path) -> None:

@@ -1,6 +1,7 @@
 """Every kind of bad input: one clear message that names the file and the remedy, and its own exit status."""
 
 import json
+import os
 import subprocess
 import sys
 from collections.abc import Callable
@@ -45,6 +46,16 @@ def _expect(run: Any, code: str, *fragments: str) -> None:
 
 def test_a_folder_that_is_not_there(fvs: Fvs, folder: Path, out: Path) -> None:
     _expect(fvs("reconstruct", folder / "nope", "--out", out), "invalid-input", "nope", "does not exist")
+    assert not out.exists()
+
+
+def test_a_folder_whose_name_is_no_text(fvs: Fvs, tmp_path: Path, out: Path) -> None:
+    folder = tmp_path / os.fsdecode(b"caf\xe9")
+    folder.mkdir()
+    for arguments in ((folder, "--out", out), (tmp_path, "--out", folder)):
+        run = fvs("reconstruct", *arguments, "--json")
+        assert run.status == 2
+        assert f"{tmp_path}/caf%E9 has bytes (%…) that are not UTF-8" in run.stderr
     assert not out.exists()
 
 

@@ -4,7 +4,9 @@ Options may stand before or after the command that they belong to. With ``--json
 JSON, as all others are.
 """
 
+import io
 import json
+import sys
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from typing import Any
@@ -35,10 +37,15 @@ class Program(TyperGroup):
     ) -> Any:
         """See ``TyperGroup``, which expects each option behind its command."""
         as_json = "--json" in args
+        _allow_names_in_any_encoding()
         with _usage_errors(as_json=as_json):
+            self.check(args)
             context = super().make_context(info_name, arranged(self, args), parent, **settings)
         context.meta[__name__] = as_json
         return context
+
+    def check(self, arguments: Sequence[str]) -> None:
+        """Raise ``TyperException`` for arguments that no command of the program takes."""
 
     def invoke(self, ctx: Any) -> Any:
         """See ``TyperGroup``."""
@@ -50,6 +57,12 @@ def print_error(code: str, message: str, hint: str, **details: Any) -> None:
     """Print an error as JSON, on one line of stderr."""
     document = {"code": code, "message": message, "hint": hint, **details}
     typer.echo(json.dumps({"error": document}, ensure_ascii=False), err=True)
+
+
+def _allow_names_in_any_encoding() -> None:
+    """Let stdout escape what is not UTF-8 in names of files, as stderr does, instead of failing."""
+    if isinstance(sys.stdout, io.TextIOWrapper):
+        sys.stdout.reconfigure(errors="backslashreplace")
 
 
 @contextmanager

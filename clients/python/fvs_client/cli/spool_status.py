@@ -10,6 +10,7 @@ from fvs_client.spool.folder import find_files
 from fvs_client.spool.lock import has_sender
 from fvs_client.spool.outbox import Outbox
 from fvs_client.spool.photograph import Photograph, State
+from fvs_schema.names import readable_name
 
 _ARRIVING = "arriving"
 """A file that is not complete yet, or that no one watches for."""
@@ -64,7 +65,7 @@ def _described(photograph: Photograph) -> dict[str, Any]:
     return {
         "number": photograph.number,
         "name": photograph.name,
-        "path": str(photograph.path).encode(errors="replace").decode(),
+        "path": readable_name(str(photograph.path)),
         "scene": photograph.scene,
         "digest": f"sha256:{photograph.digest}",
         "state": photograph.state.value,

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from fvs_client.spool.errors import SpoolError, unusable
 from fvs_client.spool.photograph import NewPhotograph, Photograph, Refusal, State
+from fvs_schema.names import readable_name
 
 FILE_NAME = ".fvs-spool.sqlite3"
 SIDECAR_REFUSED = "invalid-sidecar"
@@ -113,7 +114,7 @@ class Outbox:
         metadata = json.dumps(new.metadata or {}, ensure_ascii=False)
         where = (self._stored(new.path), new.scene, new.digest)
         refusal = new.refusal
-        reason = (None, None, None) if refusal is None else (refusal.code, refusal.reason, refusal.hint)
+        reason = (None, None, None) if refusal is None else _columns(refusal)
         state = State.WAITING if refusal is None else State.REFUSED
         with self._writing(durable=durable) as database:
             database.execute(
@@ -191,9 +192,7 @@ class Outbox:
             number,
             "state = 'refused', verdict = ?, code = ?, reason = ?, hint = ?, upload = NULL, setbacks = 0",
             verdict,
-            refusal.code,
-            refusal.reason,
-            refusal.hint,
+            *_columns(refusal),
         )
 
     def retry(self, number: int) -> None:
@@ -320,3 +319,8 @@ class Outbox:
     def _read(self, stored: object) -> Path:
         assert isinstance(stored, bytes)
         return Path(os.fsdecode(os.path.join(self._folder, stored)))  # noqa: PTH118 -- bytes
+
+
+def _columns(refusal: Refusal) -> tuple[str, str, str]:
+    """``code``, ``reason`` and ``hint``; the reason may name a file whose name is no text."""
+    return refusal.code, readable_name(refusal.reason), refusal.hint

@@ -13,6 +13,7 @@ from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import parse_options_header
 from starlette.requests import Request
 
+from fvs_schema.names import readable_name
 from fvs_service.errors import InvalidRequestError, MalformedRequestError, UnsupportedMediaTypeError
 from fvs_service.gateway.rest.bodies import blocks
 from fvs_service.images.upload_files import Receiver, StagedFile
@@ -135,7 +136,7 @@ class _Parts:
             raise InvalidRequestError(
                 f"The form has more than {self._max_files} files.", hint="Send them in several requests."
             )
-        self._name = options[b"filename"].decode("utf-8", errors="replace")
+        self._name = readable_name(options[b"filename"].decode("utf-8", errors="surrogateescape"))
         self._receiver = self._uploads.receive()
 
     def _data(self, data: bytes, start: int, end: int) -> None:

@@ -1,5 +1,6 @@
 """A reconstruction of real photographs, small enough to run every time; its tests share it."""
 
+import os
 import shutil
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -36,7 +37,9 @@ def photographs(kermit_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> P
             folder / "more of them" / "held upright.jpg", quality=95, exif=exif
         )
     with Image.open(good[7]) as image:
-        image.convert("CMYK").save(folder / "more of them" / "für den Druck.jpg", quality=95)
+        image.convert("CMYK").save(
+            folder / "more of them" / os.fsdecode("für den Druck.jpg".encode("latin-1")), quality=95
+        )
     with Image.open(good[8]) as image:
         opaque = image.convert("RGBA")
         opaque.save(folder / "alpha.png")
@@ -45,8 +48,8 @@ def photographs(kermit_dir: Path, tmp_path_factory: pytest.TempPathFactory) -> P
         Image.fromarray(grey).save(folder / "sixteen bits.tif")
     with Image.open(good[10]) as image:
         image.resize((240, 180), Image.Resampling.LANCZOS).save(folder / "smaller.jpg", quality=95)
-    shutil.copyfile(good[0], folder / "the first again.jpg")
-    (folder / "cut off.jpg").write_bytes(good[1].read_bytes()[:10_000])
+    shutil.copyfile(good[0], folder / os.fsdecode(b"the first again \xe9.jpg"))
+    (folder / os.fsdecode(b"cut off \xe9.jpg")).write_bytes(good[1].read_bytes()[:10_000])
     (folder / "letter.jpg").write_text("Dear reader")
     (folder / "notes.txt").write_text("not a photograph, and not called one")
     return folder

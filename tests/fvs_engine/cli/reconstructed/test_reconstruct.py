@@ -32,7 +32,8 @@ def test_good_photographs_are_used_and_bad_ones_are_named(first_run: tuple[Path,
     images = run.document["manifest"]["images"]
     assert len(images["photographs"]) == 11
     reasons = {image["name"]: image["reason"] for image in images["rejected"]}
-    assert set(reasons) == {"the first again.jpg", "cut off.jpg", "letter.jpg"}
+    assert set(reasons) == {"the first again %E9.jpg", "cut off %E9.jpg", "letter.jpg"}
+    assert "more of them/f%FCr den Druck.jpg" in {image["name"] for image in images["photographs"]}
     warnings = [json.loads(line).get("warning", {}) for line in run.stderr.splitlines()]
     unusable = [warning for warning in warnings if warning.get("code") == "unusable-photograph"]
     for name, reason in reasons.items():
