@@ -148,7 +148,8 @@ def reconstruct(
         bool,
         typer.Option(
             "--gps/--no-gps",
-            help="Use the GPS positions in EXIF; --no-gps ignores them, for example because they are wrong.",
+            help="Use the positions in the photographs' metadata; --no-gps ignores them, for example because "
+            "they are wrong.",
         ),
     ] = True,
     test_every: Annotated[

@@ -105,7 +105,7 @@ def _find(
         result = triangulate(cameras, workspace.images, workspace.sfm, settings, monitor)
     else:
         source = "photographs"
-        priors = None if manifest.settings.gps else PosePriors()  # None: the positions in EXIF
+        priors = None if manifest.settings.gps else PosePriors()  # None: those in metadata
         images = ImageSet(workspace.images, names, priors)
         result = reconstruct(images, workspace.sfm, settings, monitor)
     return source, result.model_dir, result.report

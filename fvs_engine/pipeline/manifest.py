@@ -25,7 +25,7 @@ class ReconstructionSettings(Record):
     name, those with index % test_every == 0 are held out; 0 trains on all. ``colmap`` and ``transforms``:
     a folder or file with cameras to import instead of structure from motion. For structure from motion:
     ``camera_model`` is the one to estimate, None the default; ``intrinsics`` are known and do not change;
-    without ``gps`` the positions in EXIF are ignored.
+    without ``gps`` the positions in metadata are ignored.
     """
 
     quality: Quality = "coarse"

@@ -164,7 +164,7 @@ class Scene:
         also in ``names`` are added again.
 
         ``priors``: pose priors for a dataset without poses, those of earlier images included; by default the
-        GPS positions in their EXIF. Poses that contradict them are rejected. Visited names are
+        positions in their metadata. Poses that contradict them are rejected. Visited names are
         ignored. When this raises, the scene does not change.
 
         Raises ``InvalidInputError`` for names that are not in the dataset, and what the pose source raises.

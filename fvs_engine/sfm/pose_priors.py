@@ -88,7 +88,7 @@ class PosePriors(Record):
 class ImageSet:
     """Images to reconstruct together: ``names``, posix paths in ``folder``, in capture order.
 
-    ``priors`` are the pose priors of images; None: the GPS positions in their EXIF.
+    ``priors`` are the pose priors of images; None: the positions in their metadata.
     """
 
     folder: Path

@@ -83,7 +83,7 @@ class MappedModel:
 
 
 def read_model_evidence(stages: Stages, priors: PosePriors | None = None) -> ModelEvidence:
-    """Read pairs, keypoints and position priors; ``priors`` replace the GPS positions in the images' EXIF."""
+    """Read pairs, keypoints and position priors; ``priors`` replace the positions in the images' metadata."""
     pairs = read_verified_pairs(stages.folder.database, MIN_PAIR_MATCHES)
     ids = {pair.first for pair in pairs} | {pair.second for pair in pairs}
     keypoints = read_keypoints(stages.folder.database, ids)

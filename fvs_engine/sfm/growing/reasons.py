@@ -42,7 +42,7 @@ def doubts_by_priors(
     has become long enough for their accuracy. No warning where model and priors contradict each other as a
     whole.
 
-    ``given``: pose priors, by default the GPS positions in the EXIF data that the ``database`` has.
+    ``given``: pose priors, by default the positions in metadata that the ``database`` has.
     """
     if not centres:
         return ()

@@ -157,8 +157,8 @@ class GrowingReconstruction:
         reported as the stages of ``reconstruct``, or ``features``, ``matching``, ``registration`` and, in a
         re-map, its mapping stages. A call after ``Cancelled`` or a kill resumes, also with other names.
 
-        ``priors``: pose priors, those of earlier images included; by default the GPS positions in
-        their EXIF. Poses and models that contradict them are rejected; where they agree with the model, they
+        ``priors``: pose priors, those of earlier images included; by default the positions in their
+        metadata. Poses and models that contradict them are rejected; where they agree with the model, they
         keep it from drifting, and images that match nothing are matched where they should be. ``known``:
         the views from which the result counts its changes, by default those before the call. A caller that
         was killed after a commit has older ones; one that gives them also gets the warnings again that it

@@ -29,7 +29,7 @@ Each batch makes an index of the features of each of its images: small ones take
 def match_features(stages: Stages, names: Sequence[str], priors: PosePriors | None = None) -> None:
     """Match all pairs of a small set, selected ones of a large set; pairs that are done are skipped.
 
-    Those near in space are selected by ``priors``, by default the GPS positions in the images' EXIF.
+    Those near in space are selected by ``priors``, by default the positions in the images' metadata.
     """
     database = stages.folder.database
     ids = image_ids(database)

@@ -61,11 +61,11 @@ def shared(priors: PosePriors, centres: Mapping[str, Array]) -> list[str]:
 
 
 def usable_priors(given: PosePriors | None, database: Path) -> tuple[PosePriors, tuple[Finding, ...]]:
-    """The priors ``given``, by default the GPS positions in EXIF, without frozen ones, and warnings.
+    """The priors ``given``, by default the positions in metadata, without frozen ones, and warnings.
 
     A frozen receiver repeats its last position exactly, which one with a fix never does.
     """
-    priors = _priors_in_exif(database) if given is None else given
+    priors = _priors_in_metadata(database) if given is None else given
     counts = Counter(prior.position for prior in priors.by_name.values())
     frozen = sum(count for count in counts.values() if count >= PRIORS.frozen)
     if frozen == 0:
@@ -77,7 +77,7 @@ def usable_priors(given: PosePriors | None, database: Path) -> tuple[PosePriors,
     return PosePriors(by_name=moving), (warning,)
 
 
-def _priors_in_exif(database: Path) -> PosePriors:
+def _priors_in_metadata(database: Path) -> PosePriors:
     names = {number: name for name, number in image_ids(database).items()}
     fixes = gps_positions(database)
     return PosePriors(

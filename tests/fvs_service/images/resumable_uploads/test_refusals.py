@@ -36,7 +36,8 @@ def test_metadata_that_cannot_be_used_are_refused(
 
 
 def test_what_clients_add_to_metadata_is_ignored(device: Device) -> None:
-    added = {"filetype": "image/jpeg", "type": "image/jpeg", "relativePath": "null"}
+    added = {"filetype": "image/jpeg", "type": "image/jpeg", "relativePath": "null", "size": "5"}
+    added |= {"lastModified": "1777864921000", "lastModifiedDate": "", "webkitRelativePath": ""}
     assert device.create(filename="/DCIM/100/a.jpg", **added).status_code == 201
     device.patch(0)
     assert device.image()["name"] == "a.jpg"
