@@ -1,5 +1,6 @@
 """EXIF and XMP in image files, where each format has them; pixels are not decoded."""
 
+import warnings
 import zlib
 from dataclasses import dataclass
 from typing import BinaryIO
@@ -15,6 +16,8 @@ _PNG = b"\x89PNG\r\n\x1a\n"
 _TIFF = (b"II*\0", b"MM\0*", b"II+\0", b"MM\0+")
 _XMP_LIMIT_BYTES = 1 << 20
 """The longest packet that is decompressed."""
+
+warnings.filterwarnings("ignore", module="PIL.TiffImagePlugin")  # damaged tags are expected
 
 
 @dataclass(frozen=True, eq=False)

@@ -7,6 +7,7 @@ copy of them has no width. *Memory*: a file of one megabyte can declare a gigaby
 import io
 
 from PIL import Image
+from PIL.TiffImagePlugin import BITSPERSAMPLE, TILELENGTH, TILEWIDTH
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.images.jpeg import keeps_coefficients
@@ -89,25 +90,25 @@ def decoding_bytes(image: Image.Image, content: bytes, *, turned: bool, converte
     ``image`` is open and not decoded yet; ``converted``: its pixels are converted to RGB; ``turned``: they
     are then turned upright.
     """
-    stored = _STORED_BYTES.get(image.mode, 4)
+    pixels = image.width * image.height
+    stored = _STORED_BYTES.get(image.mode, 4) * pixels
     loading = _decoder_bytes(image, content) + stored
-    converting = stored + _RGB_BYTES if converted else 0
-    turning = 2 * _RGB_BYTES if turned else 0
-    return max(loading, converting, turning) * image.width * image.height
+    converting = stored + _RGB_BYTES * pixels if converted else 0
+    turning = 2 * _RGB_BYTES * pixels if turned else 0
+    return max(loading, converting, turning)
 
 
 def _decoder_bytes(image: Image.Image, content: bytes) -> int:
-    """Bytes per pixel that the format's decoder takes besides the image."""
+    """Bytes that the format's decoder takes besides the image."""
+    pixels = image.width * image.height
     match image.format:
         case "JPEG" | "MPO" if keeps_coefficients(io.BytesIO(content)):
-            return _COEFFICIENT_BYTES * len(image.getbands())
+            return _COEFFICIENT_BYTES * len(image.getbands()) * pixels
         case "WEBP":
-            return _WEBP_BYTES
-        case "TIFF":  # a strip or tile may be the whole image, as the file stores it
-            bits = getattr(image, "tag_v2", {}).get(_BITS_PER_SAMPLE, (8,))
-            return (sum(map(int, bits)) + 7) // 8
+            return _WEBP_BYTES * pixels
+        case "TIFF":  # a strip may be the whole image, as the file stores it, and a tile larger than it
+            tags = getattr(image, "tag_v2", {})
+            bits = sum(map(int, tags.get(BITSPERSAMPLE, (8,))))
+            return max(pixels, int(tags.get(TILEWIDTH, 0)) * int(tags.get(TILELENGTH, 0))) * -(-bits // 8)
         case _:
             return 0
-
-
-_BITS_PER_SAMPLE = 258

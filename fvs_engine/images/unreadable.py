@@ -1,11 +1,18 @@
 """What a file is that cannot be decoded as a photograph, and what to do about it."""
 
 import io
-import warnings
 from typing import Any, NamedTuple
 
 from PIL import Image
-from PIL.TiffImagePlugin import BITSPERSAMPLE, COMPRESSION, COMPRESSION_INFO, SAMPLEFORMAT, SAMPLESPERPIXEL
+from PIL.TiffImagePlugin import (
+    BITSPERSAMPLE,
+    COMPRESSION,
+    COMPRESSION_INFO,
+    IMAGELENGTH,
+    IMAGEWIDTH,
+    SAMPLEFORMAT,
+    SAMPLESPERPIXEL,
+)
 
 from fvs_engine.images.jpeg import START, read_frame
 
@@ -72,11 +79,13 @@ def _kind_of_jpeg(content: bytes) -> Unreadable:
 def _kind_of_tiff(content: bytes) -> Unreadable:
     tags = Image.Exif()
     try:
-        with warnings.catch_warnings(action="error"):  # Pillow warns of a damaged directory
-            tags.load(content)
-            channels, compression = tags.get(SAMPLESPERPIXEL, 1), tags.get(COMPRESSION, 1)
-            bits, numbers = (_of_all(tags.get(tag, 1)) for tag in (BITSPERSAMPLE, SAMPLEFORMAT))
+        tags.load(content)
+        damaged = IMAGEWIDTH not in tags or IMAGELENGTH not in tags
+        channels, compression = tags.get(SAMPLESPERPIXEL, 1), tags.get(COMPRESSION, 1)
+        bits, numbers = (_of_all(tags.get(tag, 1)) for tag in (BITSPERSAMPLE, SAMPLEFORMAT))
     except Exception:  # damaged bytes can make the parser raise anything
+        damaged = True
+    if damaged:
         return Unreadable("it is a TIFF whose header is damaged.", _COPY_HINT)
     if compression not in COMPRESSION_INFO:
         reason = f"it is a TIFF with compression {compression}, which is not read here."

@@ -7,6 +7,7 @@ something was found.
 import io
 import math
 import sys
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -72,7 +73,19 @@ def _image_seeds(_folder: Path) -> list[Files]:
 def _metadata_seeds(_folder: Path) -> list[Files]:
     """Metadata without pixels, so that most mutations hit it."""
     header = b"\xff\xd8\xff\xe1" + (len(_EXIF) + 2).to_bytes(2, "big") + _EXIF
-    return [{"image": header + b"\xff\xd9"}, {"image": header + _XMP + b"\xff\xd9"}, {"image": _XMP}]
+    named = b"http://ns.adobe.com/xap/1.0/\0" + _XMP
+    packet = b"\xff\xe1" + (len(named) + 2).to_bytes(2, "big") + named
+    text = b"XML:com.adobe.xmp\0\1\0\0\0" + zlib.compress(_XMP)
+    png = b"\x89PNG\r\n\x1a\n" + b"".join(
+        len(chunk).to_bytes(4, "big") + name + chunk + bytes(4)
+        for name, chunk in ((b"eXIf", _EXIF.removeprefix(b"Exif\0\0")), (b"iTXt", text))
+    )
+    chunks = (b"EXIF" + len(_EXIF).to_bytes(4, "little") + _EXIF).ljust(
+        len(_EXIF) + len(_EXIF) % 2 + 8, b"\0"
+    )
+    webp = b"RIFF\0\0\0\0WEBP" + chunks + b"XMP " + len(_XMP).to_bytes(4, "little") + _XMP
+    jpeg = header + packet + b"\xff\xd9"
+    return [{"image": content} for content in (jpeg, b"\xff\xd8" + packet, png, webp)]
 
 
 def _inspect(folder: Path) -> object:

@@ -8,7 +8,7 @@ from typing import Any
 
 import piexif
 import pytest
-from PIL import Image
+from PIL import Image, TiffImagePlugin
 
 from fvs_engine.images.limits import (
     ImageLimits,
@@ -107,6 +107,27 @@ def test_pictures_inside_and_behind_a_jpeg_are_not_scans_of_it():
     for content in (jpeg_of(image, exif=thumbnail), jpeg_of(image, comment=preview), behind, several):
         assert content.count(b"\xff\xda") > 1
         assert decode(content, IN_ONE_SCAN).rgb.size == (1_000, 1_000)
+
+
+def test_a_tile_that_is_larger_than_its_image_counts():
+    out = io.BytesIO()
+    Image.new("L", (64, 64)).save(out, "TIFF", compression="tiff_adobe_deflate")
+    with Image.open(out) as image:
+        tags = dict(image.tag_v2)
+    strip = {
+        TiffImagePlugin.STRIPOFFSETS: TiffImagePlugin.TILEOFFSETS,
+        TiffImagePlugin.STRIPBYTECOUNTS: TiffImagePlugin.TILEBYTECOUNTS,
+    }
+    tiled = {strip.get(tag, tag): value for tag, value in tags.items() if tag != TiffImagePlugin.ROWSPERSTRIP}
+    tiled |= {TiffImagePlugin.TILEWIDTH: 3_000, TiffImagePlugin.TILELENGTH: 3_000}
+    directory = TiffImagePlugin.ImageFileDirectory_v2()
+    for tag, value in tiled.items():
+        directory[tag] = value
+    content = out.getvalue()
+    content = content[:4] + struct.pack("<I", len(content)) + content[8:]
+    content += directory.tobytes(len(content))
+    with pytest.raises(TooLargeError, match="64×64 px and would take 9 MB"):
+        decode(content, LIMITS)
 
 
 _PEAK = """
