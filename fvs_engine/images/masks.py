@@ -14,7 +14,8 @@ from PIL import Image
 
 from fvs_engine.images.limits import UnusableImageError
 from fvs_engine.images.names import MASKS
-from fvs_engine.images.pixels import FORMATS, orientation_of, upright
+from fvs_engine.images.pixels import orientation_of, upright
+from fvs_engine.images.unreadable import FORMATS
 
 Mask = NDArray[np.bool_]
 
@@ -96,9 +97,12 @@ def _read(photograph: Path, file: Path | None) -> Mask | None:
         transparent = image.has_transparency_data and not image.mode.startswith("I;16")
         if file is None and not transparent:
             return None
-        stored, orientation = image.size, orientation_of(image)
+        orientation, is_turned = orientation_of(image), image.format == "TIFF"  # Pillow turns it
+        stored = image.size[::-1] if is_turned and orientation > 4 else image.size
         opaque = image.convert("RGBA").getchannel("A") if transparent else None
-    opaque_pixels = None if opaque is None else np.asarray(upright(opaque, orientation)) == _WHITE
+    if opaque is not None and not is_turned:
+        opaque = upright(opaque, orientation)
+    opaque_pixels = None if opaque is None else np.asarray(opaque) == _WHITE
     in_file = None if file is None else _of_file(file, stored, orientation)
     if opaque_pixels is None or in_file is None:
         return in_file if opaque_pixels is None else opaque_pixels

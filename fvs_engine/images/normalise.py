@@ -81,7 +81,8 @@ def _write_both(photograph: Photograph, normalised: tuple[str, Path]) -> None:
     file = _folder_of(path, name).with_name(MASKS) / f"{name}.png"
     mask = None
     if photograph.masked:
-        mask = read_mask(_folder_of(photograph.path, photograph.name), photograph.name)
+        source = _folder_of(photograph.path, photograph.name)
+        mask = read_mask(source, photograph.path.relative_to(source).as_posix())
     if mask is None:
         file.unlink(missing_ok=True)
     else:

@@ -79,8 +79,8 @@ def require_place(origin: Origin | None, alignment: Alignment, root: Path) -> Pl
 
 def _priors(model: FolderModel, name: str) -> PhotographPriors:
     file = model.workspace.images / name
-    with storage_errors(file):
-        return read_priors(file.read_bytes())
+    with storage_errors(file), file.open("rb") as content:
+        return read_priors(content)
 
 
 def _position(priors: PhotographPriors) -> GeodeticPosition | None:

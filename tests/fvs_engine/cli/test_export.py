@@ -87,6 +87,7 @@ def test_photographs_of_a_drone_are_exported_where_they_were_taken(
     for image in pycolmap.Reconstruction(out / "colmap").images.values():
         np.testing.assert_allclose(place[:3] @ [*image.projection_center(), 1.0], ours[image.name], atol=1e-3)
     for name, position in ours.items():
-        fix = read_priors((photographs / name).read_bytes())
+        with (photographs / name).open("rb") as file:
+            fix = read_priors(file)
         taken_at = to_ecef.transform(fix.longitude_deg, fix.latitude_deg, fix.altitude_m)
         assert np.linalg.norm(taken_at - position) < 2.0

@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +9,7 @@ from fvs_engine.images.catalog import ImageCatalog, catalog_images
 from fvs_engine.images.limits import UnusableImageError
 from fvs_engine.images.masks import find_mask, read_mask, reduced_mask
 from fvs_engine.images.normalise import normalise_images
+from fvs_engine.images.pixels import load_rgb
 
 SIZE = (64, 48)
 LEFT = np.tile(np.arange(64) < 20, (48, 1))
@@ -96,6 +98,21 @@ def test_a_mask_is_turned_with_its_photograph(tmp_path: Path, orientation: int) 
         np.testing.assert_array_equal(read_mask(tmp_path, "a.png"), upright)
 
 
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_what_is_transparent_is_turned_with_its_photograph(
+    tmp_path: Path, orientation: int, suffix: str
+) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    shown = LEFT * np.uint8(255)
+    Image.fromarray(np.dstack([shown] * 4)).save(tmp_path / f"a.{suffix}", exif=exif)
+    upright = load_rgb(tmp_path / f"a.{suffix}")[..., 0] > 0
+    np.testing.assert_array_equal(read_mask(tmp_path, f"a.{suffix}"), upright)
+    _mask(tmp_path / "masks" / "a.png")
+    np.testing.assert_array_equal(read_mask(tmp_path, f"a.{suffix}"), upright)
+
+
 def test_what_is_transparent_is_left_out_too(tmp_path: Path) -> None:
     rgba = np.dstack([np.full((48, 64, 3), 200, np.uint8), LEFT * np.uint8(255)])
     rgba[0, 0, 3] = 254
@@ -110,6 +127,20 @@ def test_what_is_transparent_is_left_out_too(tmp_path: Path) -> None:
     rgba[..., 3] = 255
     Image.fromarray(rgba).save(tmp_path / "b.png")
     assert read_mask(tmp_path, "b.png") is None
+
+
+def test_a_mask_belongs_to_a_name_that_is_no_text_too(tmp_path: Path) -> None:
+    name = os.fsdecode(b"caf\xe9.jpg")
+    _photograph(tmp_path / name)
+    _mask(tmp_path / "masks" / f"{name}.png")
+    catalog = catalog_images(tmp_path)
+    assert not catalog.rejected
+    (path,) = normalise_images(catalog.photographs, tmp_path / "out" / "images")
+    assert path == "caf%25E9.jpg"
+    np.testing.assert_array_equal(read_mask(tmp_path / "out" / "images", path), LEFT)
+    _mask(tmp_path / "masks" / f"{name}.png", LEFT[:9])
+    (rejected,) = catalog_images(tmp_path).rejected
+    assert "its mask masks/caf%E9.jpg.png has 64×9 px" in rejected.reason
 
 
 def test_normalised_photographs_have_normalised_masks(tmp_path: Path) -> None:
