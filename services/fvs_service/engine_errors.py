@@ -28,7 +28,8 @@ def without_folders(text: str, root: Path) -> str:
     """
     temporary = tempfile.gettempdir()
     others = (os.environ.get("XDG_RUNTIME_DIR") or temporary, temporary, sys.prefix, sys.base_prefix)
-    for folder in (root.resolve(), root.absolute(), *map(Path, others)):
+    folders = {root.resolve(), root.absolute(), *map(Path, others)}
+    for folder in sorted(folders, key=lambda each: len(each.parts), reverse=True):  # the inner ones first
         text = text.replace(f"{folder}/", "").replace(str(folder), folder.name)
     return text
 

@@ -37,6 +37,11 @@ def test_texts_name_files_below_the_root(tmp_path: Path, said: str, shown: str, 
     assert str(tmp_path) not in found
 
 
+def test_a_folder_within_another_one_goes_whole(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sys, "prefix", str(tmp_path / "venv"))  # in that for temporary files
+    assert without_folders(f"{tmp_path}/venv/lib/x.py", tmp_path / "data") == "lib/x.py"
+
+
 def test_errors_of_the_engine_lose_the_folders_of_the_server() -> None:
     root = Path("/srv/fvs")
     full = from_engine(storage_error(OSError(28, "No space left on device"), "/srv/fvs/scenes/a"), root)

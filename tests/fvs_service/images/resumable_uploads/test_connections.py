@@ -167,14 +167,14 @@ def test_an_upload_that_is_sent_is_not_deleted_meanwhile(
     serve: Any, photograph: Callable[..., bytes]
 ) -> None:
     gateway = serve(
-        limits={"partial_uploads_per_tenant": 1}, upload_place_s=0.1, partial_upload_s=0.2, sweep_s=0.02
+        limits={"partial_uploads_per_tenant": 1}, upload_place_s=0.1, partial_upload_s=1.0, sweep_s=0.02
     )
     scene = gateway.scene()
     device, other = (Device(gateway.client, scene, photograph(seed)) for seed in range(2))
     device.create()
     with send_raw(gateway, device, device.content[:300], length=len(device.content)) as connection:
         wait_until(lambda: bytes_on_disk(gateway) == 300)
-        time.sleep(0.5)  # longer than it is kept, and than it is spared
+        time.sleep(1.2)  # longer than it is kept, and than it is spared
         assert other.create().status_code == 429
         assert bytes_on_disk(gateway) == 300
         connection.sendall(device.content[300:])
