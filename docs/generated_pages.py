@@ -25,6 +25,7 @@ ENGINE_PACKAGES = (
     "score",
     "plan",
     "splat",
+    "export",
     "scene",
     "sfm",
     "lab.simulate",
