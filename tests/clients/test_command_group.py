@@ -125,7 +125,7 @@ def test_help_and_version(name: str) -> None:
     ("line", "expected"),
     [
         ("fvs-client --json ra", {"rank", "rankings"}),
-        ("fvs-client --json rank yard --url u --generator ", {"orbit", "grid", "dataset", "around-current"}),
+        ("fvs-client --json plan yard --url u --generator ", {"orbit", "grid", "dataset", "in-volume"}),
         (
             "fvs --json rank out --method median-frequency-",
             {"median-frequency-fast", "median-frequency-estimate"},
