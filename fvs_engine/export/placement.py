@@ -119,7 +119,7 @@ class GeoreferenceRecord(Record):
     """``georeference.json``: the frame of exported files, and how to place it.
 
     In the world frame coordinates are metres east, north and up of ``origin``; ``alignment`` is
-    world_from_model, and ``ecef_from_world`` [4][4] takes them to the Earth-centred frame of WGS 84 (EPSG
+    world_from_model, and ``ecef_from_world`` [4, 4] takes them to the Earth-centred frame of WGS 84 (EPSG
     4978). In the model frame there is nothing to say.
     """
 
