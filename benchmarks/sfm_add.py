@@ -26,7 +26,8 @@ from processor_time import so_far_s
 from fvs_engine.geometry import umeyama
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.reconstruct import reconstruct
-from fvs_engine.sfm.colmap.imports import import_colmap, import_transforms_json
+from fvs_engine.sfm.colmap.imports import import_colmap
+from fvs_engine.sfm.colmap.transforms_json import import_transforms_json
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.pose_priors import ImageSet
 from fvs_engine.sfm.settings import SfmSettings

@@ -209,6 +209,20 @@ WORDING: Mapping[FindingCode, tuple[str, str]] = {
         "{count} of the {of:.0f} photographs have no mask, and all of them counts: {images}.",
         "Give each photograph a mask that shows something to leave out.",
     ),
+    FindingCode.NAMES_RESPELLED: (
+        "{count} photographs have another name in the file of the cameras, such as {image}: {name}.",
+        "Check that these are the same photographs.",
+    ),
+    FindingCode.PIXELS_AS_STORED: (
+        "{count} photographs are not turned as their EXIF says, because their given cameras belong to the "
+        "stored pixels: {images}.",
+        "Give cameras of the upright images for upright renders.",
+    ),
+    FindingCode.FAR_COORDINATES: (
+        "The coordinates of the cameras are too large for the 32-bit numbers of splats: files in the folder "
+        "have their origin at {x:.12g}, {y:.12g}, {z:.12g}.",
+        "Add it to positions in PLY, SPZ and COLMAP files; rankings and plans have the coordinates given.",
+    ),
     FindingCode.ALREADY_TRAINED: (
         "Nothing to do: the model has had {iterations:,.0f} iterations already.",
         "Ask for more iterations to train it further.",

@@ -223,8 +223,9 @@ def _facts(info: "FolderInfo") -> list[tuple[str, str]]:
                 f"{len(cameras.unregistered)} not, {cameras.points:,} points",
             )
         )
-        if cameras.report is not None:
-            facts.append(("evidence", f"{cameras.report['mapper']} cameras, {cameras.report['verdict']}"))
+        facts.append(("evidence", f"{cameras.report['mapper']} cameras, {cameras.report['verdict']}"))
+        if any(cameras.origin):
+            facts.append(("origin", "{:.12g}, {:.12g}, {:.12g}".format(*cameras.origin)))
         if cameras.unregistered:
             facts.append(("not registered", ", ".join(cameras.unregistered)))
     if manifest.training is not None:

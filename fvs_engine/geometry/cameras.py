@@ -29,6 +29,10 @@ CAMERA_MODELS: dict[str, tuple[str, ...]] = {
     "SIMPLE_RADIAL": ("f", "cx", "cy", "k1"),
     "RADIAL": ("f", "cx", "cy", "k1", "k2"),
     "OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2"),
+    "SIMPLE_FISHEYE": ("f", "cx", "cy"),
+    "FISHEYE": ("fx", "fy", "cx", "cy"),
+    "SIMPLE_RADIAL_FISHEYE": ("f", "cx", "cy", "k1"),
+    "RADIAL_FISHEYE": ("f", "cx", "cy", "k1", "k2"),
     "OPENCV_FISHEYE": ("fx", "fy", "cx", "cy", "k1", "k2", "k3", "k4"),
     "FULL_OPENCV": ("fx", "fy", "cx", "cy", "k1", "k2", "p1", "p2", "k3", "k4", "k5", "k6"),
 }
@@ -130,9 +134,19 @@ class DistortedCamera:
     @cached_property
     def distortion(self) -> Distortion:
         """The distortion on the normalised image plane."""
-        if self.model == "OPENCV_FISHEYE":
+        if self.is_fisheye:
             return FisheyeDistortion(**self._coefficients)
         return RationalDistortion(**self._coefficients)
+
+    @property
+    def is_fisheye(self) -> bool:
+        """Whether the model bends even without coefficients: image radii are proportional to angles."""
+        return self.model.endswith("FISHEYE")
+
+    @property
+    def is_pinhole(self) -> bool:
+        """Whether it has no distortion, by its coefficients."""
+        return not self.is_fisheye and not any(self._coefficients.values())
 
     @property
     def _coefficients(self) -> dict[str, float]:

@@ -108,7 +108,7 @@ class RationalDistortion:
 class FisheyeDistortion:
     """Kannala–Brandt: θ_d = θ (1 + k1 θ² + k2 θ⁴ + k3 θ⁶ + k4 θ⁸), θ the angle to the optical axis."""
 
-    def __init__(self, k1: float, k2: float, k3: float, k4: float) -> None:
+    def __init__(self, k1: float = 0.0, k2: float = 0.0, k3: float = 0.0, k4: float = 0.0) -> None:
         self._factor = np.array([1.0, k1, k2, k3, k4])  # in powers of θ²
         self._fold = min(float(np.sqrt(_first_fold(self._factor, np.ones(1)))), np.pi / 2)
 

@@ -49,8 +49,9 @@ class Photograph:
 
     ``name`` is the ``readable_name`` of its posix path below the folder; the size is that of the upright
     image; ``focal_px`` is EXIF's focal length in px, None without one; ``plain``: the file needs no
-    conversion (8 bits, upright, JPEG or PNG); ``format`` is that of the content, whatever the suffix.
-    ``masked``: not all of it counts; ``mask`` is the file with its mask, None without one.
+    conversion (8 bits, upright, JPEG or PNG); ``format`` is that of the content, whatever the suffix;
+    ``turned``: its EXIF says that the stored pixels are not upright. ``masked``: not all of it counts;
+    ``mask`` is the file with its mask, None without one.
     """
 
     path: Path
@@ -61,6 +62,7 @@ class Photograph:
     focal_px: float | None
     format: str
     plain: bool
+    turned: bool
     masked: bool
     mask: Path | None
 
@@ -224,6 +226,7 @@ def _examine(folder: Path, path: Path) -> Photograph | RejectedImage:
         focal_px=focal_length_px(image.exif, width, height),
         format=image.format,
         plain=image.plain,
+        turned=image.turned,
         masked=masked,
         mask=find_mask(folder, own_name),
     )

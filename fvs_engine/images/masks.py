@@ -2,7 +2,7 @@
 
 A mask is a PNG of the photograph's size in which black is left out, as COLMAP and nerfstudio have it; in a
 photograph with transparency, what is not opaque is left out, too. A mask in memory is a bool [H, W], True
-where the upright photograph counts, and None where all of it does.
+where the photograph counts, and None where all of it does.
 """
 
 from collections.abc import Iterator
@@ -14,7 +14,7 @@ from PIL import Image
 
 from fvs_engine.images.limits import UnusableImageError
 from fvs_engine.images.names import MASKS
-from fvs_engine.images.pixels import orientation_of, upright
+from fvs_engine.images.pixels import LAST_OF_SAME_SIDES, orientation_of, size_as_stored, turned_as_asked
 from fvs_engine.images.unreadable import FORMATS
 
 Mask = NDArray[np.bool_]
@@ -40,10 +40,13 @@ def find_mask(folder: Path, name: str) -> Path | None:
     return None
 
 
-def read_mask(folder: Path, name: str) -> Mask | None:
-    """The mask of the photograph ``name`` in ``folder``; raises ``UnusableImageError``, naming the file."""
+def read_mask(folder: Path, name: str, *, turn: bool = False) -> Mask | None:
+    """The mask of the stored pixels of the photograph ``name`` in ``folder``; ``turn``: of the upright ones.
+
+    Raises ``UnusableImageError``, naming the file.
+    """
     try:
-        return mask_of(folder, name)
+        return mask_of(folder, name, turn=turn)
     except UnusableImageError as error:
         path = folder / name
         raise UnusableImageError(
@@ -51,13 +54,13 @@ def read_mask(folder: Path, name: str) -> Mask | None:
         ) from error
 
 
-def mask_of(folder: Path, name: str) -> Mask | None:
+def mask_of(folder: Path, name: str, *, turn: bool = False) -> Mask | None:
     """The mask of the photograph ``name`` in ``folder``: of its file and its transparency.
 
-    A mask is turned as the photograph is. One of the turned photograph is taken as it is where the two sizes
-    differ. Raises ``UnusableImageError`` when it cannot be read, has another size or leaves out everything.
+    It is that of the stored pixels, or with ``turn`` that of the upright ones. A file has that of the stored
+    pixels, or that of the upright ones where the two sizes differ and it has theirs. Raises ``UnusableImageError`` when it cannot be read, has another size or leaves out everything.
     """
-    found = _read(folder / name, find_mask(folder, name))
+    found = _read(folder / name, find_mask(folder, name), turn)
     if found is not None and not found.any():
         raise UnusableImageError(
             "its mask leaves out every pixel.",
@@ -92,31 +95,33 @@ def _places(folder: Path, name: PurePosixPath) -> Iterator[Path]:
         yield folder.absolute().parent / MASKS / name
 
 
-def _read(photograph: Path, file: Path | None) -> Mask | None:
+def _read(photograph: Path, file: Path | None, turn: bool) -> Mask | None:
     with Image.open(photograph, formats=FORMATS) as image:
         transparent = image.has_transparency_data and not image.mode.startswith("I;16")
         if file is None and not transparent:
             return None
         orientation, is_turned = orientation_of(image), image.format == "TIFF"  # Pillow turns it
-        stored = image.size[::-1] if is_turned and orientation > 4 else image.size
+        stored = size_as_stored(image)
         opaque = image.convert("RGBA").getchannel("A") if transparent else None
-    if opaque is not None and not is_turned:
-        opaque = upright(opaque, orientation)
+    if opaque is not None:
+        opaque = turned_as_asked(opaque, orientation, is_upright=is_turned, turn=turn)
     opaque_pixels = None if opaque is None else np.asarray(opaque) == _WHITE
-    in_file = None if file is None else _of_file(file, stored, orientation)
+    in_file = None
+    if file is not None:
+        of_stored = _of_file(file, stored, orientation)
+        in_file = np.asarray(turned_as_asked(of_stored, orientation, is_upright=False, turn=turn)) > 0
     if opaque_pixels is None or in_file is None:
         return in_file if opaque_pixels is None else opaque_pixels
     return np.asarray(opaque_pixels & in_file)
 
 
-def _of_file(file: Path, stored: tuple[int, int], orientation: int) -> Mask:
-    """The mask in ``file`` of a photograph that has the size ``stored`` before it is turned."""
+def _of_file(file: Path, stored: tuple[int, int], orientation: int) -> Image.Image:
+    """The mask in ``file`` of the stored pixels of a photograph, which have the size ``stored``."""
     named = f"its mask {file.parent.name}/{file.name}"
     try:
         with Image.open(file, formats=("PNG",)) as image:
             size = image.size
-            turned = upright(Image.new("1", stored), orientation).size
-            if size not in (stored, turned):
+            if size not in (stored, stored[::-1] if orientation > LAST_OF_SAME_SIDES else stored):
                 raise UnusableImageError(
                     f"{named} has {size[0]}×{size[1]} px, the photograph {stored[0]}×{stored[1]} px.",
                     hint="Make the mask of the photograph in its full size, or delete it.",
@@ -128,4 +133,4 @@ def _of_file(file: Path, stored: tuple[int, int], orientation: int) -> Mask:
         raise UnusableImageError(
             f"{named} cannot be read as a PNG.", hint="Save it as PNG again, or delete it."
         ) from error
-    return np.asarray(np.asarray(upright(grey, orientation) if size == stored else grey) > 0)
+    return turned_as_asked(grey, orientation, is_upright=size != stored, turn=False)

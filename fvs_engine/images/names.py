@@ -1,13 +1,27 @@
-"""Matching of names from a COLMAP model, a ``transforms.json`` or a request to image files."""
+"""Matching of names from a COLMAP model, a ``transforms.json`` or a request to image files.
 
+Other systems spell the same name otherwise: with backslashes, in another Unicode form or character set, with
+capitals, with another suffix or none. Such a name is matched where exactly one image can be meant.
+"""
+
+import contextlib
+import os
+import re
+import unicodedata
 from collections import Counter
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
 from fvs_engine.errors import InvalidInputError
+from fvs_schema.findings import Finding, FindingCode, Severity
+from fvs_schema.names import readable_name
 
 _LISTED = 8
+_IMAGE_SUFFIX = re.compile(r"\.(?:jpe?g|jpe|mpo|png|tiff?|webp|bmp)$")
+_CHARACTER_SETS = ("gb18030", "cp932", "big5", "cp949", "cp1252", "cp1251", "cp437")
+"""Those in which programs on Windows write names."""
+
 
 MASKS = "masks"
 """The folder of masks, beside photographs."""
@@ -24,17 +38,23 @@ def listed(names: Sequence[str]) -> str:
     return ", ".join(names[:_LISTED]) + (f" and {more} more" if more > 0 else "")
 
 
+def decoded_name(name: bytes) -> str:
+    """The name in a file as a ``readable_name``."""
+    return readable_name(name.decode("utf-8", "surrogateescape"))
+
+
 @dataclass(frozen=True)
 class NameMatches:
     """``found``: name → image; ``missing``: names without an image; ``ambiguous``: name → images it may mean.
 
     No image is found twice. An ambiguous name shares its last part with several images, or an image with
-    another name.
+    another name. ``respelled`` names are those found whose image is spelled otherwise.
     """
 
     found: Mapping[str, str]
     missing: tuple[str, ...]
     ambiguous: Mapping[str, tuple[str, ...]]
+    respelled: tuple[str, ...] = ()
 
     def require_unambiguous(self) -> None:
         """Raise ``InvalidInputError`` for the first ambiguous name."""
@@ -47,34 +67,57 @@ class NameMatches:
                 hint="Give the folder above, in which their paths differ, or rename the images.",
             )
 
+    def findings(self) -> tuple[Finding, ...]:
+        """The note on the respelled names, if there are any."""
+        if not self.respelled:
+            return ()
+        first = self.respelled[0]
+        images = [self.found[name] for name in self.respelled]
+        code, note = FindingCode.NAMES_RESPELLED, Severity.NOTE
+        return (Finding.of(code, images, note, name=first, image=self.found[first]),)
+
 
 def match_names(names: Iterable[str], images: Mapping[str, str]) -> NameMatches:
     """Match ``names`` to images.
 
     ``images``: every name of an image → the name that the result uses. A name means the image of
     the same path; else the only one with the same last part, if no other name has that part, too:
-    ``images/0001.jpg`` may be ``0001.jpg``, but neither of ``left/0001.jpg`` and ``right/0001.jpg``.
+    ``images/0001.jpg`` may be ``0001.jpg``, but neither of ``left/0001.jpg`` and ``right/0001.jpg``. Where
+    there is none, other spellings count as the same, from the nearest to the farthest (``_SPELLINGS``), in
+    the whole path and then in its last part.
     """
-    asked = {name: PurePosixPath(name) for name in names}
-    by_part: dict[str, set[str]] = {}
-    for alias, image in images.items():
-        by_part.setdefault(PurePosixPath(alias).name, set()).add(image)
-    found = {name: images[path.as_posix()] for name, path in asked.items() if path.as_posix() in images}
-    taken = set(found.values())
-    claims = Counter(path.name for path in asked.values())
-    missing = []
-    ambiguous = {}
-    for name, path in asked.items():
-        if name in found:
-            continue
-        meant = by_part.get(path.name, set())
-        if len(meant - taken) == 1 and claims[path.name] == 1:
-            found[name] = next(iter(meant - taken))
-        elif meant:
-            ambiguous[name] = tuple(sorted(meant))
-        else:
-            missing.append(name)
-    return NameMatches(found, tuple(missing), ambiguous)
+    asked = tuple(dict.fromkeys(names))
+    found = {name: images[path] for name in asked if (path := PurePosixPath(name).as_posix()) in images}
+    respelled: list[str] = []
+    ambiguous: dict[str, tuple[str, ...]] = {}
+    others = ((spelled, part) for spelled in _SPELLINGS for part in (_all, _last))
+    for spelled, part in ((_exact, _last), *others):
+        if len(found) == len(asked):
+            break
+        meant: dict[str, set[str]] = {}
+        for alias, image in images.items():
+            for form in (alias,) if spelled is _exact else _forms(alias):
+                meant.setdefault(part(spelled(form)), set()).add(image)
+        keys = {name: part(spelled(name)) for name in asked}
+        claims, taken = Counter(keys.values()), set(found.values())
+        alone = {}
+        for name in asked:
+            possible = meant.get(keys[name], set())
+            if name in found or not possible:
+                continue
+            if len(possible - taken) == 1 and claims[keys[name]] == 1:
+                alone[name] = next(iter(possible - taken))
+            elif spelled is not _without_suffix:
+                ambiguous.setdefault(name, tuple(sorted(possible)))
+        of_image = Counter(alone.values())
+        new = {name: image for name, image in alone.items() if of_image[image] == 1}
+        if spelled is not _without_suffix:
+            ambiguous |= {name: (image,) for name, image in alone.items() if name not in new}
+        found |= new
+        respelled += new if spelled is not _exact else ()
+    unclear = {name: possible for name, possible in ambiguous.items() if name not in found}
+    missing = tuple(name for name in asked if name not in found and name not in unclear)
+    return NameMatches(found, missing, unclear, tuple(respelled))
 
 
 def match_files(names: Iterable[str], folder: Path) -> NameMatches:
@@ -87,3 +130,46 @@ def match_files(names: Iterable[str], folder: Path) -> NameMatches:
     matches = match_names(names, {file: file for file in files if not is_mask(file)})
     matches.require_unambiguous()
     return matches
+
+
+def _exact(name: str) -> str:
+    return PurePosixPath(name).as_posix()
+
+
+def _in_one_form(name: str) -> str:
+    """With slashes, its letters in Unicode's composed form."""
+    return PurePosixPath(unicodedata.normalize("NFC", name.replace("\\", "/"))).as_posix()
+
+
+def _in_lower_case(name: str) -> str:
+    return _in_one_form(name).casefold()
+
+
+def _without_suffix(name: str) -> str:
+    """In lower case, without the suffix of an image."""
+    return _IMAGE_SUFFIX.sub("", _in_lower_case(name))
+
+
+_SPELLINGS: tuple[Callable[[str], str], ...] = (_in_one_form, _in_lower_case, _without_suffix)
+
+
+def _all(path: str) -> str:
+    return path
+
+
+def _last(path: str) -> str:
+    return path.rpartition("/")[2]
+
+
+def _forms(name: str) -> Iterator[str]:
+    """The name, and how it reads when its bytes, or those of another system's name for it, are decoded."""
+    yield name
+    if name.isascii():
+        return
+    stored = os.fsencode(name)
+    yield decoded_name(stored)
+    for encoding in _CHARACTER_SETS:
+        with contextlib.suppress(UnicodeError):
+            yield stored.decode(encoding)
+        with contextlib.suppress(UnicodeError):
+            yield decoded_name(unicodedata.normalize("NFC", name).encode(encoding))

@@ -1,11 +1,11 @@
-"""Normalisation of photographs: upright, 8-bit, JPEG or PNG."""
+"""Normalisation of photographs: upright unless their cameras are given, 8-bit, JPEG or PNG."""
 
 import contextlib
 import io
 import os
 import re
 import shutil
-from collections.abc import Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path, PurePosixPath
 from urllib.parse import quote
@@ -48,6 +48,7 @@ def normalise_images(
     photographs: Sequence[Photograph],
     folder: Path,
     *,
+    as_stored: Collection[str] = (),
     monitor: Monitor | None = None,
     threads: int | None = None,
 ) -> Mapping[str, Path]:
@@ -57,8 +58,9 @@ def normalise_images(
 
     A plain file is hard-linked (copied where that is not possible), so that its metadata and its bytes
     survive. Another one is decoded and encoded again with its EXIF, without the orientation, and its XMP:
-    JPEG (quality 98, full chroma) if it was lossy already, else PNG. Existing files are kept, so that an
-    interrupted call can be repeated. Progress is reported as stage ``normalise``. Raises ``OSError`` when
+    JPEG (quality 98, full chroma) if it was lossy already, else PNG. Photographs whose normalised names are
+    in ``as_stored`` are not turned upright. Existing files are kept, so that an interrupted call can be
+    repeated. Progress is reported as stage ``normalise``. Raises ``OSError`` when
     the folder cannot be written, ``Cancelled``.
     """
     monitor = monitor or Monitor()
@@ -67,7 +69,8 @@ def normalise_images(
         parent.mkdir(parents=True, exist_ok=True)
     executor = ThreadPoolExecutor(threads or os.cpu_count() or 1)
     try:
-        for done, _ in enumerate(executor.map(_write_both, photographs, paths.items()), start=1):
+        turn = [name not in as_stored for name in paths]
+        for done, _ in enumerate(executor.map(_write_both, photographs, paths.items(), turn), start=1):
             monitor.report(Stage.NORMALISE, done, len(photographs))
             monitor.check()
     finally:
@@ -75,14 +78,14 @@ def normalise_images(
     return paths
 
 
-def _write_both(photograph: Photograph, normalised: tuple[str, Path]) -> None:
+def _write_both(photograph: Photograph, normalised: tuple[str, Path], turn: bool) -> None:
     name, path = normalised
-    _write(photograph, path)
+    _write(photograph, path, turn)
     file = _folder_of(path, name).with_name(MASKS) / f"{name}.png"
     mask = None
     if photograph.masked:
         source = _folder_of(photograph.path, photograph.name)
-        mask = read_mask(source, photograph.path.relative_to(source).as_posix())
+        mask = read_mask(source, photograph.path.relative_to(source).as_posix(), turn=turn)
     if mask is None:
         file.unlink(missing_ok=True)
     else:
@@ -94,7 +97,7 @@ def _folder_of(path: Path, name: str) -> Path:
     return path.parents[len(PurePosixPath(name).parts) - 1]
 
 
-def _write(photograph: Photograph, path: Path) -> None:
+def _write(photograph: Photograph, path: Path, turn: bool) -> None:
     if path.exists():
         return
     temporary = path.with_name(f".{path.name}.partial")
@@ -103,7 +106,7 @@ def _write(photograph: Photograph, path: Path) -> None:
         if photograph.plain:
             _link_or_copy(photograph.path, temporary)
         else:
-            _encode_again(photograph, temporary, path.suffix.lower())
+            _encode_again(photograph, temporary, path.suffix.lower(), turn=turn)
         temporary.replace(path)
     except BaseException:
         with contextlib.suppress(OSError):
@@ -118,9 +121,9 @@ def _link_or_copy(source: Path, target: Path) -> None:
         shutil.copyfile(source, target)
 
 
-def _encode_again(photograph: Photograph, target: Path, suffix: str) -> None:
+def _encode_again(photograph: Photograph, target: Path, suffix: str, *, turn: bool) -> None:
     content = photograph.path.read_bytes()
-    image = decode(content)
+    image = decode(content, turn=turn)
     exif = _upright_exif(image.exif)
     xmp = b"\n".join(read_embedded(io.BytesIO(content)).xmp)
     if suffix == ".png":

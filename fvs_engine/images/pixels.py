@@ -1,7 +1,7 @@
 """Decoding of photographs to upright 8-bit RGB pixels, for the whole engine.
 
 * Formats: an explicit list; Pillow tries no other.
-* Orientation: from EXIF; pixels are turned upright and the tag is dropped.
+* Orientation: from EXIF; pixels are turned upright, unless the stored ones are asked for; the tag is dropped.
 * 16-bit greyscale is scaled by 255/65535 and rounded, the same for every image, so that exposures stay
   comparable. Where no value is above 4095 it is scaled by 255/4095: cameras of 12 bits write their values
   like this. 16-bit colour is reduced to 8 bits by the decoder, so such 12 bits in it are rejected. 32-bit and
@@ -41,6 +41,10 @@ _TRANSPOSITIONS = {
     7: Image.Transpose.TRANSVERSE,
     8: Image.Transpose.ROTATE_90,
 }
+LAST_OF_SAME_SIDES = 4
+"""The orientations after it exchange width and height."""
+_REVERSE = {6: 8, 8: 6}
+"""The orientations that are not their own reverse."""
 _BAND_ROWS = 256
 """Rows that are converted at a time, so that a conversion needs no second copy of the image."""
 _WHITE, _WHITE_OF_12_BITS = 65_535, 4_095
@@ -61,12 +65,14 @@ TiffImagePlugin.OPEN_INFO[TiffImagePlugin.MM, _MIN_IS_WHITE, (1,), 1, (16,), ()]
 class DecodedImage:
     """A photograph, fully decoded, upright, 8-bit RGB.
 
-    ``plain``: the original file has these very pixels; nothing was converted.
+    ``plain``: the original file has these very pixels; nothing was converted. ``turned``: its EXIF says that
+    the stored pixels are not upright.
     """
 
     rgb: Image.Image
     format: str
     plain: bool
+    turned: bool
     exif: Image.Exif
 
 
@@ -74,8 +80,8 @@ class _UnreadablePixelsError(Exception):
     """Pillow opens the file, but its pixels are not those of a photograph."""
 
 
-def decode(content: bytes, limits: ImageLimits = DEFAULT_LIMITS) -> DecodedImage:
-    """Decode the bytes of one image file to the last pixel.
+def decode(content: bytes, limits: ImageLimits = DEFAULT_LIMITS, *, turn: bool = True) -> DecodedImage:
+    """Decode the bytes of one image file to the last pixel; ``turn``: upright, as its EXIF says.
 
     Raises ``UnusableImageError`` when they are not an image of a known format, are damaged or cut off,
     hold an animation, or have no 8- or 16-bit pixels; a subclass of it, before anything is decoded, when
@@ -85,7 +91,7 @@ def decode(content: bytes, limits: ImageLimits = DEFAULT_LIMITS) -> DecodedImage
         raise UnusableImageError("it is empty (0 bytes).", hint="Copy it from the camera again.")
     try:
         with Image.open(io.BytesIO(content), formats=FORMATS) as image:
-            return _decode_opened(image, content, limits)
+            return _decode_opened(image, content, limits, turn)
     except (UnidentifiedImageError, _UnreadablePixelsError) as error:
         reason, hint = explain(content)
         raise UnusableImageError(reason, hint=hint) from error
@@ -107,13 +113,13 @@ def decode(content: bytes, limits: ImageLimits = DEFAULT_LIMITS) -> DecodedImage
 
 
 def load_rgb(path: Path, long_side_px: int | None = None) -> NDArray[np.uint8]:
-    """Read a photograph as upright RGB, uint8 [H, W, 3].
+    """Read the stored pixels of a photograph, to which its camera belongs: RGB, uint8 [H, W, 3].
 
     With ``long_side_px`` the longer side is reduced to it (never enlarged), low-pass filtered.
     Raises ``UnusableImageError``, naming the file.
     """
     try:
-        image = decode(path.read_bytes()).rgb
+        image = decode(path.read_bytes(), turn=False).rgb
     except OSError as error:
         raise UnusableImageError(f"{path} cannot be read: {error.strerror}.", path=path) from error
     except UnusableImageError as error:
@@ -127,6 +133,17 @@ def load_rgb(path: Path, long_side_px: int | None = None) -> NDArray[np.uint8]:
     return np.array(image, dtype=np.uint8)
 
 
+def stored_size(path: Path) -> tuple[int, int]:
+    """Width and height of the stored pixels of an image; raises ``UnusableImageError``, naming the file."""
+    try:
+        with Image.open(path) as image:
+            return size_as_stored(image)
+    except OSError as error:  # Pillow's error for a file that is not an image derives from it
+        raise UnusableImageError(
+            f"{path} cannot be read as an image.", hint="Replace it, or leave it out of the model.", path=path
+        ) from error
+
+
 def reduced_rgb(image: NDArray[np.uint8], size: tuple[int, int]) -> NDArray[np.uint8]:
     """The image [H, W, 3] at a smaller ``size`` (width, height), low-pass filtered."""
     return np.array(Image.fromarray(image).resize(size, Image.Resampling.LANCZOS), dtype=np.uint8)
@@ -138,11 +155,12 @@ def reduced_size(width: int, height: int, long_side_px: int) -> tuple[int, int]:
     return max(1, round(width * scale)), max(1, round(height * scale))
 
 
-def _decode_opened(image: Image.Image, content: bytes, limits: ImageLimits) -> DecodedImage:
+def _decode_opened(image: Image.Image, content: bytes, limits: ImageLimits, turn: bool) -> DecodedImage:
     image_format = image.format or ""
     converted = image.mode != "RGB" or image.has_transparency_data
     # Pillow decodes a PNG to read its EXIF, which may follow the pixels.
-    turned = image_format == "PNG" or _orientation(_exif(image)) != 1
+    orientation = 1 if image_format == "PNG" else orientation_of(image)
+    turned = image_format == "PNG" or orientation != 1
     needed = decoding_bytes(image, content, turned=turned, converted=converted)
     limits.require(image.width, image.height, needed)
     if image_format in ("PNG", "WEBP") and getattr(image, "is_animated", False):
@@ -154,7 +172,8 @@ def _decode_opened(image: Image.Image, content: bytes, limits: ImageLimits) -> D
     image.load()
     exif = _exif(image)
     sixteen_bits = _has_sixteen_bits(image, content)
-    orientation = _orientation(exif)
+    if image_format != "TIFF":  # which Pillow has turned
+        orientation = _orientation(exif)
     plain = (
         image_format in ("JPEG", "MPO", "PNG")
         and image.mode in ("RGB", "L")
@@ -167,7 +186,8 @@ def _decode_opened(image: Image.Image, content: bytes, limits: ImageLimits) -> D
         _require_range(image, rgb)
     if rgb is not image:
         image.close()
-    return DecodedImage(upright(rgb, orientation), image_format, plain, exif)
+    rgb = turned_as_asked(rgb, orientation, is_upright=image_format == "TIFF", turn=turn)
+    return DecodedImage(rgb, image_format, plain, orientation != 1, exif)
 
 
 def orientation_of(image: Image.Image) -> int:
@@ -175,9 +195,17 @@ def orientation_of(image: Image.Image) -> int:
     return _orientation(_exif(image))
 
 
-def upright(image: Image.Image, orientation: int) -> Image.Image:
-    """The image turned upright, as its EXIF ``orientation`` says."""
-    return image if orientation == 1 else image.transpose(_TRANSPOSITIONS[orientation])
+def size_as_stored(image: Image.Image) -> tuple[int, int]:
+    """Width and height of an open image before Pillow turns it, as it turns a TIFF."""
+    turned = image.format == "TIFF" and orientation_of(image) > LAST_OF_SAME_SIDES
+    return image.size[::-1] if turned else image.size
+
+
+def turned_as_asked(image: Image.Image, orientation: int, *, is_upright: bool, turn: bool) -> Image.Image:
+    """The image upright, as its EXIF ``orientation`` says, if ``turn``; else as it is stored."""
+    if orientation == 1 or is_upright == turn:
+        return image
+    return image.transpose(_TRANSPOSITIONS[orientation if turn else _REVERSE.get(orientation, orientation)])
 
 
 def _has_sixteen_bits(image: Image.Image, content: bytes) -> bool:

@@ -1,21 +1,20 @@
 """Cameras of a reconstruction: estimated by structure from motion or imported, then undistorted."""
 
 import time
-from collections.abc import Sequence
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.storage import blame_full_disk, storage_errors
 from fvs_engine.images.names import match_names
 from fvs_engine.monitor import Monitor
-from fvs_engine.pipeline.manifest import CameraSource, CamerasRecord, Manifest, ReconstructionSettings
+from fvs_engine.pipeline.manifest import CamerasRecord, ImagesRecord, Manifest, ReconstructionSettings
 from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.sfm.batch.reconstruct import reconstruct
 from fvs_engine.sfm.batch.triangulate import triangulate
 from fvs_engine.sfm.batch.undistort import undistort
-from fvs_engine.sfm.colmap.imports import fit_cameras, import_colmap, import_transforms_json
-from fvs_engine.sfm.colmap.model import write_colmap
+from fvs_engine.sfm.colmap.imports import import_colmap
+from fvs_engine.sfm.colmap.transforms_json import import_transforms_json
 from fvs_engine.sfm.native_process import end_child
 from fvs_engine.sfm.pose_priors import ImageSet, PosePriors
 from fvs_engine.sfm.quarantine import CulpritError
@@ -23,9 +22,17 @@ from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.sfm.report import SfmReport
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder
-from fvs_schema.findings import Finding
+from fvs_schema.findings import Finding, FindingCode, Severity
 
 _MIN_VIEWS = 2
+
+
+@dataclass(frozen=True, eq=False)
+class GivenCameras:
+    """Imported cameras, and what was found about them."""
+
+    cameras: Reconstruction
+    findings: tuple[Finding, ...]
 
 
 def find_cameras(
@@ -42,73 +49,70 @@ def find_cameras(
     do not belong to them, ``StorageError`` when the folder cannot be written, ``Cancelled``.
     """
     began = time.monotonic()
+    given = import_given(manifest.settings, manifest.images)
     with storage_errors(workspace.sfm), blame_full_disk(workspace.root):
-        source, model, report, warnings = _find_undistorted(workspace, manifest, monitor, threads)
+        model, report = _find_undistorted(workspace, manifest, given, monitor, threads)
     end_child()
-    for finding in warnings:
+    origin = (0.0, 0.0, 0.0) if given is None else given.cameras.origin
+    for finding in (*(given.findings if given else ()), *report.warnings):
         monitor.warn(finding)
     names = {record.normalised_name for record in manifest.images.photographs}
     registered = tuple(sorted(view.name for view in model.views))
     record = CamerasRecord(
-        source=source,
+        source=manifest.settings.camera_source,
+        origin=tuple(origin),
         registered=registered,
         unregistered=tuple(sorted(names.difference(registered))),
         points=len(model.points),
         seconds=time.monotonic() - began,
-        report=report.model_dump(mode="json") if report else None,
+        report=report.model_dump(mode="json"),
     )
     manifest = manifest.model_copy(update={"cameras": record})
     workspace.write_manifest(manifest)
     return manifest
 
 
+def import_given(settings: ReconstructionSettings, images: ImagesRecord) -> GivenCameras | None:
+    """The imported cameras of the photographs, by these photographs' names in ``images/``; None without any.
+
+    Raises ``InvalidInputError`` when they cannot be read or do not belong to the photographs,
+    ``StorageError`` when the model is damaged.
+    """
+    if settings.colmap is not None:
+        return _of_photographs(import_colmap(Path(settings.colmap)), Path(settings.colmap), images)
+    if settings.transforms is not None:
+        file = Path(settings.transforms)
+        return _of_photographs(import_transforms_json(file, Path(images.folder)), file, images)
+    return None
+
+
 def _find_undistorted(
-    workspace: Workspace, manifest: Manifest, monitor: Monitor, threads: int | None
-) -> tuple[CameraSource, Reconstruction, SfmReport | None, Sequence[Finding]]:
-    """The source of the cameras, the undistorted model, the report on the cameras, and warnings.
+    workspace: Workspace,
+    manifest: Manifest,
+    given: GivenCameras | None,
+    monitor: Monitor,
+    threads: int | None,
+) -> tuple[Reconstruction, SfmReport]:
+    """The undistorted model, and the report on the cameras.
 
     Images that crash the undistortion are quarantined, and the cameras are found without them.
     """
     quarantine = SfmFolder(workspace.sfm).quarantine
+    settings = _sfm_settings(manifest.settings, threads)
     while True:
-        source, model_dir, report = _find(workspace, manifest, monitor, threads)
+        if given is None:
+            names = [record.normalised_name for record in manifest.images.photographs]
+            priors = None if manifest.settings.gps else PosePriors()  # None: those in metadata
+            images = ImageSet(workspace.images, names, priors)
+            result = reconstruct(images, workspace.sfm, settings, monitor)
+        else:
+            result = triangulate(given.cameras, workspace.images, workspace.sfm, settings, monitor)
         try:
-            model = undistort(model_dir, workspace.images, workspace.undistorted, monitor)
+            model = undistort(result.model_dir, workspace.images, workspace.undistorted, monitor)
         except CulpritError as culprit:
             quarantine.add(culprit)
             continue
-        left_out = tuple(quarantine.reasons.values())
-        return source, model, report, left_out if report is None else report.warnings
-
-
-def _find(
-    workspace: Workspace, manifest: Manifest, monitor: Monitor, threads: int | None
-) -> tuple[CameraSource, Path, SfmReport | None]:
-    """The source of the cameras, the folder of their COLMAP model, and the report on them."""
-    settings = _sfm_settings(manifest.settings, threads)
-    names = [record.normalised_name for record in manifest.images.photographs]
-    source: CameraSource
-    if manifest.settings.colmap is not None:
-        source, file = "colmap", Path(manifest.settings.colmap)
-        # Images are found, and their sizes known, only by the photographs' own names.
-        cameras = fit_cameras(_of_photographs(import_colmap(file), file, manifest), workspace.images)
-        if len(cameras.points) > 0:
-            model_dir = workspace.sfm / "sparse"
-            quarantined = SfmFolder(workspace.sfm).quarantine.reasons
-            usable = tuple(view for view in cameras.views if view.name not in quarantined)
-            write_colmap(replace(cameras, views=usable), model_dir)
-            return source, model_dir, None
-        result = triangulate(cameras, workspace.images, workspace.sfm, settings, monitor)
-    elif manifest.settings.transforms is not None:
-        source, file = "transforms", Path(manifest.settings.transforms)
-        cameras = _of_photographs(import_transforms_json(file), file, manifest)
-        result = triangulate(cameras, workspace.images, workspace.sfm, settings, monitor)
-    else:
-        source = "photographs"
-        priors = None if manifest.settings.gps else PosePriors()  # None: those in metadata
-        images = ImageSet(workspace.images, names, priors)
-        result = reconstruct(images, workspace.sfm, settings, monitor)
-    return source, result.model_dir, result.report
+        return model, result.report
 
 
 def _sfm_settings(settings: ReconstructionSettings, threads: int | None) -> SfmSettings:
@@ -120,9 +124,9 @@ def _sfm_settings(settings: ReconstructionSettings, threads: int | None) -> SfmS
     )
 
 
-def _of_photographs(imported: Reconstruction, file: Path, manifest: Manifest) -> Reconstruction:
+def _of_photographs(imported: Reconstruction, file: Path, images: ImagesRecord) -> GivenCameras:
     """The views with a photograph in the folder, by the photographs' names in ``images/``."""
-    photographs = manifest.images.photographs
+    photographs = images.photographs
     known = {record.normalised_name: record.normalised_name for record in photographs}
     known |= {record.name: record.normalised_name for record in photographs}
     matches = match_names([view.name for view in imported.views], known)
@@ -131,9 +135,14 @@ def _of_photographs(imported: Reconstruction, file: Path, manifest: Manifest) ->
     views = [replace(view, name=names[view.name]) for view in imported.views if view.name in names]
     if len(views) < _MIN_VIEWS:
         raise InvalidInputError(
-            f"Of the {len(imported.views)} images of {file}, {len(views)} are in {manifest.images.folder} "
+            f"Of the {len(imported.views)} images of {file}, {len(views)} are in {images.folder} "
             f"(its first is {imported.views[0].name}, the folder's {photographs[0].name}).",
             hint="Give the folder of photographs that these cameras were computed from.",
             path=file,
         )
-    return replace(imported, views=tuple(sorted(views, key=lambda view: view.name)))
+    cameras = replace(imported, views=tuple(sorted(views, key=lambda view: view.name)))
+    findings = list(matches.findings())
+    if imported.origin.any():
+        x, y, z = imported.origin.tolist()
+        findings.append(Finding.of(FindingCode.FAR_COORDINATES, severity=Severity.NOTE, x=x, y=y, z=z))
+    return GivenCameras(cameras, tuple(findings))

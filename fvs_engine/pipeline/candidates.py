@@ -6,6 +6,7 @@ from pathlib import Path
 from typing import Annotated, Any, Literal
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 from pydantic import Field, PositiveFloat, PositiveInt, ValidationError
 
 from fvs_engine.errors import InvalidInputError
@@ -24,7 +25,7 @@ from fvs_engine.images.names import match_names
 from fvs_engine.pipeline.model import FolderModel
 from fvs_engine.records import Record, first_error
 from fvs_engine.scene.scene_model import usual_camera
-from fvs_engine.sfm.colmap.imports import import_transforms_json
+from fvs_engine.sfm.colmap.transforms_json import read_transforms_poses
 from fvs_engine.views import PinholeView
 
 _UNIT_TOLERANCE = 1e-3
@@ -72,13 +73,19 @@ class ViewInput(Record):
 
 
 def read_candidates(
-    path: Path, views: Sequence[PinholeView], aliases: Mapping[str, str], *, most: int | None = None
+    path: Path,
+    views: Sequence[PinholeView],
+    aliases: Mapping[str, str],
+    *,
+    origin: ArrayLike = (0.0, 0.0, 0.0),
+    most: int | None = None,
 ) -> tuple[PinholeView, ...]:
     """Read a candidates file: a JSON list of ``CandidateInput`` and ``ViewInput``, or a transforms.json.
 
-    ``aliases`` maps further names of views (those of the source folder) to the model's. Of a
-    transforms.json the frames that are not views of the model become candidates; the views that both have
-    align it with the model, unless they are too few, lie on a line or disagree with it.
+    ``origin`` [3] is subtracted from positions. ``aliases`` maps further names of views (those of the source
+    folder) to the model's. Of a transforms.json the frames that are not views of the model become candidates;
+    the views that both have align it with the model, unless they are too few, lie on a line or disagree with
+    it.
 
     Raises ``InvalidInputError``, naming the file and the entry, for unknown or missing fields, numbers that
     are not finite, quaternions that are not unit, names that occur twice, unknown views, empty lists and more
@@ -92,7 +99,10 @@ def read_candidates(
         by_name = {view.name: view for view in views}
         by_name |= {alias: by_name[name] for alias, name in aliases.items() if name in by_name}
         camera = usual_camera(views)
-        candidates = [_parse(path, index, entry, by_name, camera) for index, entry in enumerate(document)]
+        candidates = [
+            _parse(f"{path}, candidate {index}", entry, by_name, camera, np.asarray(origin))
+            for index, entry in enumerate(document)
+        ]
     else:
         raise InvalidInputError(
             f"{path} is neither a list of candidates nor a transforms.json.",
@@ -128,7 +138,7 @@ def candidates_of(
 ) -> tuple[PinholeView, ...]:
     """The candidates of a file; without one the held-out views, and poses between training views."""
     if path is not None:
-        return read_candidates(path, model.registered, model.aliases, most=most)
+        return read_candidates(path, model.registered, model.aliases, origin=model.origin, most=most)
     return candidates_at(model.held_out, model.camera) + candidates_between(model.views)
 
 
@@ -152,9 +162,12 @@ def candidates_at(views: Sequence[PinholeView], camera: PinholeCamera) -> tuple[
 
 
 def _parse(
-    path: Path, index: int, entry: Any, by_name: Mapping[str, PinholeView], camera: PinholeCamera
+    where: str,
+    entry: Any,
+    by_name: Mapping[str, PinholeView],
+    camera: PinholeCamera,
+    origin: NDArray[np.float64],
 ) -> PinholeView:
-    where = f"{path}, candidate {index}"
     kind = ViewInput if isinstance(entry, dict) and "view" in entry else CandidateInput
     try:
         # Through JSON: only there does strict accept arrays for tuples.
@@ -176,14 +189,14 @@ def _parse(
             f"{where}, pose.orientation_wxyz: its length is {np.linalg.norm(quaternion):.4g}, not 1.",
             hint="Give a unit quaternion, w first.",
         )
-    model_from_camera = RigidTransform(matrix_from_quaternion(quaternion), np.array(parsed.pose.position))
+    model_from_camera = RigidTransform(matrix_from_quaternion(quaternion), parsed.pose.position - origin)
     return PinholeView(parsed.id, camera, model_from_camera.inverse())
 
 
 def _from_transforms(
     path: Path, views: Sequence[PinholeView], aliases: Mapping[str, str]
 ) -> list[PinholeView]:
-    frames = {view.name: view.camera_from_model.inverse() for view in import_transforms_json(path).views}
+    frames = read_transforms_poses(path)
     by_name = {view.name: view for view in views}
     known = {name: name for name in by_name}
     known |= {alias: name for alias, name in aliases.items() if name in by_name}

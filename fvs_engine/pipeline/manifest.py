@@ -14,6 +14,8 @@ DEFAULT_LONG_SIDE_PX: dict[Quality, int] = {"coarse": 640, "fine": 1600}
 """``fine`` is the 3DGS release's; ``coarse`` keeps a step on two CPU cores well under a second."""
 
 
+Position = tuple[float, float, float]
+
 CameraSource = Literal["photographs", "colmap", "transforms"]
 """Source of the cameras: structure from motion, or an imported model."""
 
@@ -41,6 +43,13 @@ class ReconstructionSettings(Record):
     gps: bool = True
 
     @property
+    def camera_source(self) -> CameraSource:
+        """Where the cameras come from."""
+        if self.colmap is not None:
+            return "colmap"
+        return "photographs" if self.transforms is None else "transforms"
+
+    @property
     def training_long_side_px(self) -> int:
         """The long side that images are reduced to for training."""
         return self.long_side_px or DEFAULT_LONG_SIDE_PX[self.quality]
@@ -49,12 +58,15 @@ class ReconstructionSettings(Record):
 class ImageRecord(Record):
     """One photograph that was used: its name in the source folder and in ``images/``.
 
+    ``as_stored``: though its EXIF says so, it is not turned, because its given camera belongs to the stored
+    pixels.
     ``masked``: not all of it counts; ``mask_sha256``: the digest of the file with its mask.
     """
 
     name: str
     normalised_name: str
     sha256: str
+    as_stored: bool = False
     masked: bool = False
     mask_sha256: str | None = None
 
@@ -78,15 +90,17 @@ class ImagesRecord(Record):
 class CamerasRecord(Record):
     """The stage that estimated (or imported) the cameras and undistorted the images.
 
-    ``report`` is that of structure from motion; None for an imported model.
+    ``origin``: the zero of the folder's model frame in the coordinates of the imported model. Everything in
+    the folder but ``ranking/`` and ``plan/`` is in the model frame.
     """
 
     source: CameraSource
+    origin: Position = (0.0, 0.0, 0.0)
     registered: tuple[str, ...]
     unregistered: tuple[str, ...]
     points: int
     seconds: float
-    report: dict[str, Any] | None
+    report: dict[str, Any]
 
 
 class TrainingRecord(Record):

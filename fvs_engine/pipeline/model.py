@@ -4,10 +4,13 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
+import numpy as np
+from numpy.typing import NDArray
+
 from fvs_engine.errors import InvalidInputError, StorageError
 from fvs_engine.geometry import PinholeCamera
 from fvs_engine.images.pixels import reduced_size
-from fvs_engine.pipeline.manifest import CamerasRecord, Manifest
+from fvs_engine.pipeline.manifest import CamerasRecord, Manifest, Position
 from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.plan.familiarity import Observations
 from fvs_engine.scene.scene_model import SceneModel
@@ -24,6 +27,17 @@ class FolderModel(SceneModel):
 
     workspace: Workspace
     manifest: Manifest
+
+    @property
+    def origin(self) -> NDArray[np.float64]:
+        """The zero of the model frame in the coordinates of the imported cameras [3]."""
+        cameras = self.manifest.cameras
+        return np.zeros(3) if cameras is None else np.array(cameras.origin)
+
+    def in_user_frame(self, position: Position) -> Position:
+        """A position of the model frame in the coordinates of the imported cameras."""
+        x, y, z = (position + self.origin).tolist()
+        return x, y, z
 
     @property
     def aliases(self) -> Mapping[str, str]:

@@ -2,7 +2,7 @@
 
 import json
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from datetime import UTC, datetime
 from pathlib import Path
 
@@ -13,9 +13,10 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.json_input import read_json
 from fvs_engine.files.record import write_record
 from fvs_engine.files.storage import storage_errors
-from fvs_engine.geometry import quaternion_from_matrix
+from fvs_engine.geometry import SimilarityTransform, quaternion_from_matrix
 from fvs_engine.monitor import Monitor
-from fvs_engine.pipeline.candidates import candidates_of, read_candidates
+from fvs_engine.pipeline.candidates import candidates_of
+from fvs_engine.pipeline.manifest import Position
 from fvs_engine.pipeline.model import FolderModel, open_model
 from fvs_engine.pipeline.plan_picture import draw_plan
 from fvs_engine.plan.clearance import FreeSpace
@@ -25,7 +26,7 @@ from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.generate import MOST_CANDIDATES, Aim, candidates_in
 from fvs_engine.plan.kriging import variances
 from fvs_engine.plan.plan import considered
-from fvs_engine.plan.plan_records import Plan
+from fvs_engine.plan.plan_records import Plan, VehicleTour
 from fvs_engine.plan.plan_warnings import few_registrable
 from fvs_engine.plan.tours import Budget
 from fvs_engine.plan.volumes import AnyVolume, volume_from_json
@@ -33,15 +34,13 @@ from fvs_engine.records import Record
 from fvs_engine.views import PinholeView
 from fvs_schema.findings import Finding, FindingCode
 
-Position = tuple[float, float, float]
-
 
 @dataclass(frozen=True)
 class Flight:
     """Constraints of vehicles: ``safety``, their distance from matter, and ``no_fly``, files of volumes.
 
     ``volume``: a file with a volume in which ``count`` candidates are generated, which look where ``aim``
-    says. All in units of the model.
+    says. All in units of the model, positions in the coordinates of imported cameras.
     """
 
     safety: float = 0.0
@@ -98,12 +97,12 @@ def plan_next_views(
     model = open_model(root)
     space = None
     if flight is not None:
-        space = model.space(flight.safety, tuple(map(read_volume, flight.no_fly)), monitor)
+        space = model.space(flight.safety, tuple(_volume(model, file) for file in flight.no_fly), monitor)
     candidates = _candidates(model, candidates_file, flight, space, monitor)
     targets: tuple[PinholeView, ...] = ()
     if targets_file:
-        targets = read_candidates(targets_file, model.registered, model.aliases, most=MOST_CANDIDATES)
-    places = [np.array(start) for start in starts] or [model.views[-1].centre] * vehicles
+        targets = candidates_of(model, targets_file, most=MOST_CANDIDATES)
+    places = [np.array(start) - model.origin for start in starts] or [model.views[-1].centre] * vehicles
     given, candidates = len(candidates), considered(candidates, budget.views, MOST_PLACES - len(places))
     if len(candidates) < given:
         code = FindingCode.CANDIDATES_DRAWN
@@ -124,8 +123,8 @@ def plan_next_views(
     by_name = {view.name: view for view in candidates}
     result = PlanResult(
         summary=plan.sentence("units"),
-        plan=plan,
-        poses=tuple(_pose(by_name[stop.name]) for tour in plan.tours for stop in tour.stops),
+        plan=plan.model_copy(update={"tours": tuple(_in_user_frame(tour, model) for tour in plan.tours)}),
+        poses=tuple(_pose(by_name[stop.name], model) for tour in plan.tours for stop in tour.stops),
     )
     folder = out or model.workspace.plan
     with storage_errors(folder):
@@ -143,11 +142,19 @@ def _candidates(
     """The candidates of a file, or those of the flight's volume."""
     if flight is None or space is None or flight.volume is None:
         return candidates_of(model, file, most=MOST_CANDIDATES)
-    volume = read_volume(flight.volume)
-    found = candidates_in(volume, flight.count, model.camera, up=model.up, aim=flight.aim, space=space)
+    volume, aim = _volume(model, flight.volume), flight.aim
+    if not isinstance(aim.target, str):
+        aim = replace(aim, target=np.asarray(aim.target) - model.origin)
+    found = candidates_in(volume, flight.count, model.camera, up=model.up, aim=aim, space=space)
     if len(found) < flight.count:
         monitor.warn(Finding.of(FindingCode.FEWER_CANDIDATES, made=len(found), wanted=flight.count))
     return found
+
+
+def _volume(model: FolderModel, file: Path) -> AnyVolume:
+    """The volume in a file, in the model frame."""
+    volume = read_volume(file)
+    return volume.moved(SimilarityTransform(1.0, np.eye(3), -model.origin)) if model.origin.any() else volume
 
 
 def read_volume(path: Path) -> AnyVolume:
@@ -170,10 +177,18 @@ def _seen(model: FolderModel, scale: float) -> list[Seen]:
     return [Seen(known[view.name], view.psnr_db) for view in metrics.views if view.name in known]
 
 
-def _pose(view: PinholeView) -> PlannedPose:
+def _pose(view: PinholeView, model: FolderModel) -> PlannedPose:
     model_from_camera = view.camera_from_model.inverse()
     return PlannedPose(
         name=view.name,
-        position=tuple(model_from_camera.translation.tolist()),
+        position=model.in_user_frame(tuple(model_from_camera.translation)),
         orientation_wxyz=tuple(quaternion_from_matrix(model_from_camera.rotation).tolist()),
     )
+
+
+def _in_user_frame(tour: VehicleTour, model: FolderModel) -> VehicleTour:
+    """The tour in the coordinates of imported cameras."""
+    moved = model.in_user_frame
+    stops = (stop.model_copy(update={"via": tuple(map(moved, stop.via))}) for stop in tour.stops)
+    via_home = tuple(map(moved, tour.via_home))
+    return tour.model_copy(update={"start": moved(tour.start), "stops": tuple(stops), "via_home": via_home})

@@ -14,7 +14,7 @@ from fvs_engine.geometry import quaternion_from_matrix
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import candidates_of
 from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet
-from fvs_engine.pipeline.model import open_model
+from fvs_engine.pipeline.model import FolderModel, open_model
 from fvs_engine.plan.plan_warnings import few_registrable, none_feasible
 from fvs_engine.records import Record
 from fvs_engine.score import MedianFrequency, MedianFrequencyEstimate, MedianFrequencyFast, Scorer
@@ -31,7 +31,7 @@ MOST_ON_SHEET = 48
 
 @dataclass(frozen=True, kw_only=True)
 class RankedPose(RankedCandidate):
-    """A ranked candidate with its pose, model_from_camera."""
+    """A ranked candidate with its pose, model_from_camera, in the coordinates of imported cameras."""
 
     position: tuple[float, float, float]
     orientation_wxyz: tuple[float, float, float, float]
@@ -99,7 +99,7 @@ def rank_candidates(
         gaussians=len(model.gaussians),
         width_px=candidates[0].camera.width,
         height_px=candidates[0].camera.height,
-        candidates=tuple(_ranked_pose(item, by_name[item.name]) for item in ranked.candidates),
+        candidates=tuple(_ranked_pose(item, by_name[item.name], model) for item in ranked.candidates),
     )
     folder = out or model.workspace.ranking
     with storage_errors(folder):
@@ -125,10 +125,10 @@ def _scorer(method: RankingMethod, top: int | None) -> Scorer:
             return MedianFrequencyEstimate()
 
 
-def _ranked_pose(ranked: RankedCandidate, view: PinholeView) -> RankedPose:
+def _ranked_pose(ranked: RankedCandidate, view: PinholeView, model: FolderModel) -> RankedPose:
     model_from_camera = view.camera_from_model.inverse()
     return RankedPose(
         **asdict(ranked),
-        position=tuple(model_from_camera.translation.tolist()),
+        position=model.in_user_frame(tuple(model_from_camera.translation)),
         orientation_wxyz=tuple(quaternion_from_matrix(model_from_camera.rotation).tolist()),
     )

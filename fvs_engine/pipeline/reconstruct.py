@@ -1,13 +1,14 @@
 """Reconstruction of a folder of photographs: cameras and a trained splat; every stage can be resumed."""
 
 import hashlib
+from collections.abc import Mapping
 from pathlib import Path
 
 from fvs_engine.errors import InvalidInputError, NoImagesError, OutputExistsError
 from fvs_engine.files.owned_folder import differences
 from fvs_engine.files.storage import require_free_bytes, storage_errors
 from fvs_engine.hold_out import require_views_left
-from fvs_engine.images.catalog import ImageCatalog, catalog_images
+from fvs_engine.images.catalog import ImageCatalog, Photograph, catalog_images
 from fvs_engine.images.normalise import normalise_images, normalised_name
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.manifest import (
@@ -19,7 +20,7 @@ from fvs_engine.pipeline.manifest import (
     RejectionRecord,
 )
 from fvs_engine.pipeline.workspace import Workspace
-from fvs_schema.findings import Finding, FindingCode
+from fvs_schema.findings import Finding, FindingCode, Severity
 
 MIN_PHOTOGRAPHS = 2
 _BYTES_PER_PIXEL = 4
@@ -99,7 +100,7 @@ def reconstruct_folder(
     with workspace.locked():
         if overwrite:
             workspace.clear()
-        manifest = _open_manifest(workspace, settings, _images_record(catalog))
+        manifest = _open_manifest(workspace, settings, _images_record(catalog, settings))
         return _compute(workspace, manifest, catalog, monitor, threads)
 
 
@@ -121,8 +122,14 @@ def _compute(
         pixels = sum(photograph.width_px * photograph.height_px for photograph in catalog.photographs)
         copies = _BYTES_PER_PIXEL * pixels + _BYTES_PER_PHOTOGRAPH * len(catalog.photographs)
         require_free_bytes(workspace.root, copies + disk_need_bytes(manifest.settings))
+        records = manifest.images.photographs
+        as_stored = frozenset(record.normalised_name for record in records if record.as_stored)
+        if as_stored:
+            monitor.warn(Finding.of(FindingCode.PIXELS_AS_STORED, sorted(as_stored), Severity.NOTE))
         with storage_errors(workspace.images):
-            normalise_images(catalog.photographs, workspace.images, monitor=monitor, threads=threads)
+            normalise_images(
+                catalog.photographs, workspace.images, as_stored=as_stored, monitor=monitor, threads=threads
+            )
         manifest = find_cameras(workspace, manifest, monitor=monitor, threads=threads)
     return train(workspace, manifest, monitor=monitor)
 
@@ -143,8 +150,8 @@ def _require_photographs(catalog: ImageCatalog) -> None:
     )
 
 
-def _images_record(catalog: ImageCatalog) -> ImagesRecord:
-    return ImagesRecord(
+def _images_record(catalog: ImageCatalog, settings: ReconstructionSettings) -> ImagesRecord:
+    images = ImagesRecord(
         folder=str(catalog.folder.absolute()),
         photographs=tuple(
             ImageRecord(
@@ -161,6 +168,41 @@ def _images_record(catalog: ImageCatalog) -> ImagesRecord:
             for image in catalog.rejected
         ),
     )
+    turned = {
+        normalised_name(photograph): photograph for photograph in catalog.photographs if photograph.turned
+    }
+    if not turned or not (settings.colmap or settings.transforms):
+        return images
+    as_stored = _as_stored(images, settings, turned)
+    photographs = tuple(
+        record.model_copy(update={"as_stored": record.normalised_name in as_stored})
+        for record in images.photographs
+    )
+    return images.model_copy(update={"photographs": photographs})
+
+
+def _as_stored(
+    images: ImagesRecord, settings: ReconstructionSettings, turned: Mapping[str, Photograph]
+) -> frozenset[str]:
+    """Those of the photographs ``turned`` by their EXIF whose given cameras belong to their stored pixels.
+
+    That is all but those whose camera has the shape of the upright image, and not that of the stored one.
+    """
+    from fvs_engine.images.pixels import stored_size
+    from fvs_engine.pipeline.cameras import import_given
+    from fvs_engine.sfm.colmap.imports import has_shape
+
+    given = import_given(settings, images)
+    cameras = {} if given is None else {view.name: view.camera for view in given.cameras.views}
+    return frozenset(
+        name
+        for name, photograph in turned.items()
+        if name in cameras
+        and (
+            has_shape(cameras[name], *stored_size(photograph.path))
+            or not has_shape(cameras[name], photograph.width_px, photograph.height_px)
+        )
+    )
 
 
 def _open_manifest(workspace: Workspace, settings: ReconstructionSettings, images: ImagesRecord) -> Manifest:
@@ -170,9 +212,19 @@ def _open_manifest(workspace: Workspace, settings: ReconstructionSettings, image
         manifest = Manifest(settings=settings, images=images)
     else:
         _require_compatible(workspace, earlier, settings, images)
+        _delete_otherwise_turned(workspace, earlier.images, images)
         manifest = earlier.model_copy(update={"settings": settings, "images": images})
     workspace.write_manifest(manifest)
     return manifest
+
+
+def _delete_otherwise_turned(workspace: Workspace, earlier: ImagesRecord, images: ImagesRecord) -> None:
+    """Delete normalised photographs that are upright and should be as they are stored, or the reverse."""
+    before = {record.normalised_name: record.as_stored for record in earlier.photographs}
+    with storage_errors(workspace.images):
+        for record in images.photographs:
+            if before.get(record.normalised_name, record.as_stored) != record.as_stored:
+                (workspace.images / record.normalised_name).unlink(missing_ok=True)
 
 
 def _require_compatible(

@@ -11,7 +11,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.storage import storage_errors
 from fvs_engine.geometry import smooth_path
 from fvs_engine.monitor import Monitor
-from fvs_engine.pipeline.candidates import read_candidates
+from fvs_engine.pipeline.candidates import candidates_of
 from fvs_engine.pipeline.model import FolderModel, open_model
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.splat.render import to_pixels
@@ -38,7 +38,7 @@ def render_views(
     monitor = monitor or Monitor()
     model = open_model(root)
     if candidates_file is not None:
-        wanted: Sequence[PinholeView] = read_candidates(candidates_file, model.registered, model.aliases)
+        wanted: Sequence[PinholeView] = candidates_of(model, candidates_file)
         folder = out or model.workspace.renders / "candidates"
     else:
         wanted = _members(model, group, frames)

@@ -58,7 +58,8 @@ class SelectionResult(Record):
     ``flown``: by each vehicle after the initial views, at most ``max_travel`` (None: no limit).
     ``expected``: of the quick model's renders of all views that could be visited.
     ``worst_rms``: of the alignments between dataset and model, in the dataset's unit. ``iterations`` and
-    ``gaussians`` are those of the full model.
+    ``gaussians`` are those of the full model. ``origin``: the zero of its frame in the dataset's coordinates;
+    zeros where poses were estimated, in a frame of their own.
     """
 
     dataset: str
@@ -77,6 +78,7 @@ class SelectionResult(Record):
     worst_rms: float
     iterations: int
     gaussians: int
+    origin: tuple[float, float, float]
     seconds: float
 
 
@@ -130,7 +132,7 @@ def _run(loop: SelectionLoop, out: Path, monitor: Monitor) -> SelectionResult:
         title=f"{result.dataset} · {result.method} · {len(result.views)} views · "
         f"travel {result.travel:.1f} of {result.travel_of_capture:.1f}",
     )
-    write_ply(out / "point_cloud.ply", model.gaussians)
+    write_ply(out / "point_cloud.ply", model.gaussians, result.origin)
     write_record(out / "result.json", result)
     return result
 
@@ -173,6 +175,7 @@ def _result(loop: SelectionLoop, model: SceneModel, stop: StopReason) -> Selecti
         worst_rms=max((record.alignment.rms for record in loop.records), default=0.0),
         iterations=model.iterations,
         gaussians=len(model.gaussians),
+        origin=loop.dataset.origin if loop.settings.scene.poses == "known" else (0.0, 0.0, 0.0),
         seconds=sum(record.seconds.total for record in loop.records),
     )
 

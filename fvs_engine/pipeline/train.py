@@ -118,7 +118,9 @@ class _State:
         with storage_errors(self._workspace.checkpoint):
             self._workspace.checkpoint.parent.mkdir(exist_ok=True)
             self._trainer.save(self._workspace.checkpoint)
-            SceneModel.of(self._trainer).export(self._workspace.point_cloud)
+            cameras = self._manifest.cameras
+            origin = cameras.origin if cameras else (0.0, 0.0, 0.0)
+            SceneModel.of(self._trainer).export(self._workspace.point_cloud, origin)
         record = TrainingRecord(
             train_views=tuple(view.name for view in self._training),
             test_views=tuple(view.name for view in self._held_out),

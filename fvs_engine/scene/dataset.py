@@ -1,28 +1,21 @@
 """A dataset: photographs with known poses, in the dataset's own frame."""
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 from pathlib import Path
 
 import numpy as np
-import pycolmap
 from numpy.typing import NDArray
-from PIL import ExifTags, Image
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.folders import require_folder
-from fvs_engine.geometry import Camera
 from fvs_engine.images.catalog import SUFFIXES
 from fvs_engine.images.names import is_mask, match_files
 from fvs_engine.scene.sparse_points import SparsePoints, points_from_pycolmap
-from fvs_engine.sfm.colmap.imports import find_colmap_model, fit_camera, import_transforms_json
-from fvs_engine.sfm.colmap.model import (
-    camera_from_pycolmap,
-    has_colmap_model,
-    open_colmap,
-    rigid_from_pycolmap,
-)
-from fvs_engine.views import AnyView, View
+from fvs_engine.sfm.colmap.imports import fit_camera, open_near
+from fvs_engine.sfm.colmap.model import from_pycolmap, has_colmap_model
+from fvs_engine.sfm.colmap.transforms_json import import_transforms_json
+from fvs_engine.views import AnyView
 from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.names import readable_name
 
@@ -35,7 +28,8 @@ class Dataset:
 
     A view's name is its photograph's posix path in ``image_dir``, its camera has the photograph's size, and
     its ``camera_from_model`` starts from the dataset's own model: a scene with known poses takes that as its
-    model frame, a scene that estimates poses aligns with it. ``points`` are those of the dataset's model,
+    model frame, a scene that estimates poses aligns with it. ``origin`` is the zero of that frame in the
+    coordinates of the dataset's model (``near_origin``). ``points`` are those of the dataset's model,
     None when it has none. ``warnings`` are about what was left out. ``arriving``: photographs are added to
     the folder over time, may be deleted from it, and have no known poses; there are no views then, and a
     scene of it estimates poses by structure from motion.
@@ -47,6 +41,7 @@ class Dataset:
     points: SparsePoints | None = None
     warnings: tuple[Finding, ...] = field(default=())
     arriving: bool = False
+    origin: tuple[float, float, float] = (0.0, 0.0, 0.0)
 
     @cached_property
     def by_name(self) -> dict[str, AnyView]:
@@ -67,19 +62,22 @@ def read_dataset(images: Path, colmap: Path | None = None, transforms: Path | No
     """The photographs in ``images`` with the poses of a COLMAP model or of a ``transforms.json``.
 
     ``colmap`` is a folder with the model in or below it. Posed views without a photograph and photographs
-    without a pose are left out, with a warning. A photograph may differ in size from its camera if the aspect
-    ratio is the same. Raises ``InvalidInputError`` when none or both of the two are given, when fewer than
-    two views remain, for poses that are not finite or not rotations, for photographs of another aspect ratio
-    than their camera, and for photographs that their EXIF turns (their cameras would be ambiguous);
+    without a pose are left out, with a warning. Cameras belong to the stored pixels of their photographs,
+    whatever the EXIF says; these may differ in size from the camera if the aspect ratio is the same. Raises
+    ``InvalidInputError`` when none or both of the two are given, when fewer than two views remain, for poses
+    that are not finite or not rotations, and for photographs of another aspect ratio than their camera;
     ``StorageError`` when the model is damaged.
     """
     require_folder(images, "Give the folder of the photographs.")
+    model = None
     if colmap is not None and transforms is None:
-        source = find_colmap_model(colmap)
-        model = open_colmap(source)
-        posed = _posed(model, source)
+        source = colmap
+        model, origin = open_near(colmap)
+        posed = from_pycolmap(model).views
     elif transforms is not None and colmap is None:
-        source, model, posed = transforms, None, import_transforms_json(transforms).views
+        source = transforms
+        imported = import_transforms_json(transforms, images)
+        posed, origin = imported.views, imported.origin
     else:
         raise InvalidInputError(
             "A dataset needs its poses: one COLMAP model, or one transforms.json.",
@@ -89,9 +87,9 @@ def read_dataset(images: Path, colmap: Path | None = None, transforms: Path | No
     names, missing = matches.found, sorted(matches.missing)
     views = sorted(
         (
-            View(names[view.name], _camera_of(view, images / names[view.name]), view.camera_from_model)
+            replace(view, name=name, camera=fit_camera(view.camera, images / name))
             for view in posed
-            if view.name in names
+            if (name := names.get(view.name)) is not None
         ),
         key=lambda view: view.name,
     )
@@ -100,7 +98,7 @@ def read_dataset(images: Path, colmap: Path | None = None, transforms: Path | No
             f"{len(views)} of the {len(posed)} views in {source} have their photograph in {images}.",
             hint="Give the folder of photographs that these poses belong to.",
         )
-    warnings = []
+    warnings = list(matches.findings())
     if missing:
         code = FindingCode.VIEWS_WITHOUT_PHOTOGRAPH
         warnings.append(Finding.of(code, missing, of=len(posed), source=str(source)))
@@ -109,52 +107,7 @@ def read_dataset(images: Path, colmap: Path | None = None, transforms: Path | No
         warnings.append(Finding.of(FindingCode.PHOTOGRAPHS_WITHOUT_POSE, unposed))
     points = None if model is None else points_from_pycolmap(model, names)
     title = images.resolve().parent.name if images.name == "images" else images.name
-    return Dataset(title, images, tuple(views), points, tuple(warnings))
-
-
-def _posed(model: pycolmap.Reconstruction, folder: Path) -> tuple[AnyView, ...]:
-    """The posed views of the model in ``folder``, with the model's cameras."""
-    views = []
-    for image in model.images.values():
-        if not image.has_pose:
-            continue
-        try:
-            camera_from_model = rigid_from_pycolmap(image.cam_from_world())
-        except InvalidInputError as error:
-            raise InvalidInputError(
-                f"The pose of {image.name} in {folder} cannot be used: {error.message}",
-                hint="Leave that image out of the model, or export it again.",
-                path=folder,
-            ) from error
-        camera = camera_from_pycolmap(model.cameras[image.camera_id])
-        views.append(View(image.name, camera, camera_from_model))
-    if not views:
-        raise InvalidInputError(
-            f"No image of the model in {folder} has a pose.",
-            hint="Give the model of a finished mapping.",
-            path=folder,
-        )
-    return tuple(views)
-
-
-def _camera_of(view: AnyView, photograph: Path) -> Camera:
-    """The view's camera at the photograph's size."""
-    try:
-        with Image.open(photograph) as image:
-            orientation = image.getexif().get(ExifTags.Base.Orientation, 1)
-    except OSError as error:  # Pillow's errors derive from it
-        raise InvalidInputError(
-            f"{photograph} cannot be read as an image.",
-            hint="Replace it, or leave it out of the dataset.",
-            path=photograph,
-        ) from error
-    if orientation not in (0, 1):
-        raise InvalidInputError(
-            f"{photograph} is rotated (EXIF orientation {orientation}): its camera is ambiguous.",
-            hint="Turn the pixels upright, remove the tag, and compute the poses from those images.",
-            path=photograph,
-        )
-    return fit_camera(view.camera, photograph)
+    return Dataset(title, images, tuple(views), points, tuple(warnings), origin=tuple(origin.tolist()))
 
 
 def _photograph_names(images: Path) -> set[str]:

@@ -238,9 +238,12 @@ class SceneModel:
         shares = (np.nan_to_num(found, neginf=low) - low) / max(high - low, 1e-6)
         return np.asarray(np.clip(shares, 0.0, 1.0))
 
-    def export(self, file: Path) -> None:
-        """Write the Gaussians to ``file``, a PLY for splat viewers, and compressed to an SPZ beside it."""
-        write_ply(file, self.gaussians)
+    def export(self, file: Path, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
+        """Write the Gaussians to ``file``, a PLY for splat viewers, and compressed to an SPZ beside it.
+
+        The PLY says where the ``origin`` [3] of the model frame is in the user's coordinates.
+        """
+        write_ply(file, self.gaussians, origin)
         write_spz(file.with_suffix(".spz"), self.gaussians)
 
 

@@ -4,6 +4,7 @@ Properties, all float32: x y z, nx ny nz (zero), f_dc_0..2, f_rest_0..3(K − 1)
 then blue), opacity (a logit), scale_0..2 (logarithms), rot_0..3 (wxyz).
 """
 
+from collections.abc import Sequence
 from pathlib import Path
 
 import numpy as np
@@ -23,10 +24,11 @@ _SCALES = tuple(f"scale_{i}" for i in range(3))
 _ROTATION = tuple(f"rot_{i}" for i in range(4))
 
 
-def write_ply(path: Path, gaussians: Gaussians) -> None:
+def write_ply(path: Path, gaussians: Gaussians, origin: Sequence[float] = (0.0, 0.0, 0.0)) -> None:
     """Write the Gaussians; the file appears whole or not at all.
 
-    Raises ``StorageError`` when it cannot be written.
+    An ``origin`` [3] other than zero is in a comment of the header: ``origin X Y Z``. Raises
+    ``StorageError`` when the file cannot be written.
     """
     count, rest = len(gaussians), gaussians.sh_rest.shape[1] * 3
     columns = {name: tensor.detach().cpu().numpy() for name, tensor in gaussians.tensors().items()}
@@ -45,8 +47,11 @@ def write_ply(path: Path, gaussians: Gaussians) -> None:
         dtype=np.float32,
     )
     vertices = table.view([(name, "<f4") for name in names]).reshape(count)
+    comments = ["origin {!r} {!r} {!r}".format(*map(float, origin))] if any(origin) else []
     with replacing(path) as temporary:
-        PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<").write(str(temporary))
+        PlyData([PlyElement.describe(vertices, "vertex")], byte_order="<", comments=comments).write(
+            str(temporary)
+        )
 
 
 def read_ply(path: Path) -> Gaussians:

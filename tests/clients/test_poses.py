@@ -1,6 +1,11 @@
+import json
+from pathlib import Path
+
 import numpy as np
 import pytest
+import typer
 from fvs_client import FramePose, VehiclePose
+from fvs_client.cli.poses import read_candidates, read_volume
 from hypothesis import assume, given
 from hypothesis import strategies as st
 
@@ -35,3 +40,16 @@ def test_poses_are_checked() -> None:
         FramePose(position=(0, 0, 0), orientation_wxyz=(1, 1, 0, 0))
     with pytest.raises(ValueError, match="`latitude_deg` must be a finite number"):
         VehiclePose(latitude_deg=float("nan"), longitude_deg=0, altitude_m=0, yaw_deg=0, pitch_deg=0)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_candidates_and_volumes_are_read_in_the_encodings_of_windows(encoding: str, tmp_path: Path) -> None:
+    file = tmp_path / "given.json"
+    box = {"kind": "box", "centre": [0, 0, 1], "size": [1, 1, 1]}
+    pose = {"position": [0, 0, 0], "orientation_wxyz": [1, 0, 0, 0]}
+    for read, document in ((read_volume, box), (read_candidates, [{"id": "left", "pose": pose}])):
+        file.write_bytes(json.dumps(document).encode(encoding))
+        assert read(file)
+    file.write_bytes(b"\xff\xfe[")
+    with pytest.raises(typer.BadParameter, match="is no JSON"):
+        read_candidates(file)

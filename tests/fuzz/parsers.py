@@ -18,9 +18,10 @@ from fuzzing import Files, Target, run
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.pipeline.candidates import read_candidates
 from fvs_engine.scene.sparse_points import points_from_pycolmap
-from fvs_engine.sfm.colmap.imports import import_colmap, import_transforms_json
+from fvs_engine.sfm.colmap.imports import import_colmap
 from fvs_engine.sfm.colmap.intrinsics import read_intrinsics
 from fvs_engine.sfm.colmap.model import MODEL_FILES, open_colmap
+from fvs_engine.sfm.colmap.transforms_json import import_transforms_json
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import read_ply, write_ply
 from fvs_engine.views import PinholeView

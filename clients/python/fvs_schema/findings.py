@@ -77,6 +77,9 @@ class FindingCode(Word):
     PHOTOGRAPHS_WITHOUT_POSE = "photographs-without-pose"
     UNUSABLE_PHOTOGRAPH = "unusable-photograph"
     WITHOUT_MASK = "without-mask"
+    NAMES_RESPELLED = "names-respelled"
+    PIXELS_AS_STORED = "pixels-as-stored"
+    FAR_COORDINATES = "far-coordinates"
 
     FEW_STARTS = "few-starts"
     ALREADY_TRAINED = "already-trained"

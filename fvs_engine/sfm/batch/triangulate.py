@@ -1,4 +1,4 @@
-"""Sparse points for given views, triangulated from the matches of their images."""
+"""Evidence for given views from the matches of their images, and sparse points where they have none."""
 
 from collections.abc import Sequence
 from dataclasses import replace
@@ -11,7 +11,7 @@ from fvs_engine.errors import InvalidInputError, ReconstructionError
 from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.images.names import match_files
 from fvs_engine.monitor import Monitor
-from fvs_engine.sfm.batch.mapping import read_model_evidence
+from fvs_engine.sfm.batch.mapping import read_model_evidence, registered_names
 from fvs_engine.sfm.batch.reconstruct import SfmResult, finished_result
 from fvs_engine.sfm.colmap.database import image_ids, verified_pair_count
 from fvs_engine.sfm.colmap.imports import fit_camera
@@ -20,7 +20,7 @@ from fvs_engine.sfm.jobs import TriangulatePoints
 from fvs_engine.sfm.matching.features import extract_features
 from fvs_engine.sfm.matching.match import match_features
 from fvs_engine.sfm.quarantine import CulpritError
-from fvs_engine.sfm.reconstruction import Reconstruction
+from fvs_engine.sfm.reconstruction import PointCloud, Reconstruction
 from fvs_engine.sfm.report import GIVEN, CandidateReport, SfmReport
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_engine.sfm.stages import SfmFolder, Stages, fresh_folder, rename_over
@@ -39,8 +39,8 @@ def triangulate(
 
     ``images.names.match_files`` finds the views' images in ``image_dir``; views without one are left out and
     named in the report. A view's camera is scaled to the image's size. Features and matches are those of
-    ``reconstruct``. The report has the matches' evidence for the given poses, with a warning when they
-    contradict.
+    ``reconstruct``. Points that ``cameras`` have are kept instead. The report has the matches' evidence for
+    the given poses, with a warning when they contradict.
 
     Raises ``InvalidInputError`` for fewer than two views, ambiguous names and images of another shape than
     their cameras, ``ReconstructionError`` when no point is seen twice, ``Cancelled``.
@@ -70,20 +70,34 @@ def _triangulate(
     stages = Stages(SfmFolder(out_dir), image_dir, settings, monitor)
     stages.open(names, _MIN_VIEWS)
     finished = finished_result(stages.folder)
-    if finished is not None and finished.report.mapper == GIVEN and _same(finished.reconstruction, views):
+    if (
+        finished is not None
+        and finished.report.mapper == GIVEN
+        and _same(finished.reconstruction, views, cameras.points)
+    ):
         return finished
     extract_features(stages, names)
     match_features(stages, names)
-    model = _with_points(stages, views)
-    reconstruction = from_pycolmap(model)
-    report = _report(stages, model, reconstruction, names, missing)
+    if len(cameras.points) > 0:
+        ids = image_ids(stages.folder.database)
+        posed = [view for view in views if view.name in ids]
+        model = to_pycolmap(posed, points=cameras.points, image_ids=ids)
+        error_px = float(np.mean(cameras.point_errors_px))
+    else:
+        model = _with_points(stages, views)
+        error_px = model.compute_mean_reprojection_error()
+    report = _report(stages, model, error_px, names, missing)
     stages.write_model(model)
     write_text_atomically(stages.folder.report, report.model_dump_json(indent=2))
-    return SfmResult(reconstruction, report, stages.folder.sparse)
+    return SfmResult(from_pycolmap(model), report, stages.folder.sparse)
 
 
-def _same(finished: Reconstruction, views: Sequence[AnyView]) -> bool:
-    """Whether a finished result has these views, and not those that a file held earlier."""
+def _same(finished: Reconstruction, views: Sequence[AnyView], points: PointCloud) -> bool:
+    """Whether a finished result has these views and points, and not those that a file held earlier."""
+    if len(points) > 0 and not np.array_equal(
+        np.sort(finished.points.xyz, axis=0), np.sort(points.xyz, axis=0)
+    ):
+        return False
     return len(finished.views) == len(views) and all(
         (old.name, old.camera) == (new.name, new.camera)
         and np.allclose(old.camera_from_model.matrix, new.camera_from_model.matrix, rtol=0, atol=1e-9)
@@ -136,7 +150,7 @@ def _with_points(stages: Stages, views: Sequence[AnyView]) -> pycolmap.Reconstru
 def _report(
     stages: Stages,
     model: pycolmap.Reconstruction,
-    reconstruction: Reconstruction,
+    error_px: float,
     names: Sequence[str],
     missing: Sequence[str],
 ) -> SfmReport:
@@ -153,12 +167,11 @@ def _report(
         warnings.append(reason)
     if missing:
         warnings.append(Finding.of(FindingCode.NO_IMAGE_OF_CAMERA, missing))
-    registered = {view.name for view in reconstruction.views}
-    error_px = model.compute_mean_reprojection_error()
+    registered = registered_names(model)
     candidate = CandidateReport(
         mapper=GIVEN,
         registered=len(registered),
-        points=len(reconstruction.points),
+        points=model.num_points3D(),
         mean_reprojection_error_px=error_px,
         evidence=evidence,
         verdict="doubtful" if doubt else "accepted",
@@ -170,7 +183,7 @@ def _report(
         images=len(names),
         registered=len(registered),
         unregistered=tuple(name for name in names if name not in registered),
-        points=len(reconstruction.points),
+        points=model.num_points3D(),
         mean_reprojection_error_px=error_px,
         pairs_matched=stages.pairs_matched,
         pairs_verified=verified_pair_count(stages.folder.database, MIN_PAIR_MATCHES),

@@ -13,6 +13,7 @@ import numpy as np
 import pycolmap
 from numpy.typing import NDArray
 
+from fvs_engine.images.names import decoded_name
 from fvs_engine.sfm.colmap.files import camera_parameters, record_offsets
 
 _CAMERA = struct.Struct("<IiQQ")  # id, model, width, height
@@ -59,10 +60,21 @@ def read_posed_images(folder: Path) -> Iterator[PosedImage]:
         if image_id in ids:
             raise ValueError(f"two images have the id {image_id}")
         ids.add(image_id)
-        start = offset + _IMAGE.size
-        name = content[start : content.index(b"\0", start)].decode()
         rotation = pycolmap.Rotation3d(np.array([x, y, z, w]))
-        yield PosedImage(name, camera_id, pycolmap.Rigid3d(rotation, np.array(translation)))
+        pose = pycolmap.Rigid3d(rotation, np.array(translation))
+        yield PosedImage(_name(content, offset), camera_id, pose)
+
+
+def read_names(folder: Path) -> dict[int, str]:
+    """Id → name of the images of the model in ``folder``, whatever their character set (``decoded_name``)."""
+    content = (folder / "images.bin").read_bytes()
+    offsets = record_offsets(content, "images.bin")
+    return {_IMAGE.unpack_from(content, offset)[0]: _name(content, offset) for offset in offsets}
+
+
+def _name(content: bytes, offset: int) -> str:
+    start = offset + _IMAGE.size
+    return decoded_name(content[start : content.index(b"\0", start)])
 
 
 def read_points(folder: Path) -> tuple[NDArray[np.float64], NDArray[np.uint8], NDArray[np.float64]]:

@@ -1,15 +1,20 @@
-"""Check that COLMAP's binary files are complete, before pycolmap reads them.
+"""Check that COLMAP's files are complete and in UTF-8, before pycolmap reads them.
 
 pycolmap does not check the counts in a file: beyond the end of a truncated one it reads garbage, and may
 allocate gigabytes before it fails, or never return. Source: COLMAP's
 ``doc/format.rst`` and ``reconstruction_io_binary.cc``.
 """
 
+import contextlib
 import struct
-from collections.abc import Callable, Mapping
+import tempfile
+from collections.abc import Callable, Iterator, Mapping
 from pathlib import Path
 
 import pycolmap
+
+from fvs_engine.files.json_input import decoded_text
+from fvs_engine.images.names import decoded_name
 
 _COUNT = struct.Struct("<Q")
 _CAMERA_HEAD = struct.Struct("<IiQQ")  # id, model, width, height
@@ -25,7 +30,7 @@ _FRAME_HEAD_BYTES = 4 + 4 + _POSE_BYTES  # id, rig id, pose
 _NUMBER = struct.Struct("<I")
 _DATA_BYTES = 4 + 4 + 8  # sensor, data id
 _DAMAGES = (struct.error, ValueError, OverflowError)
-"""Errors by which a walk says that a field extends beyond the end, or that a name is not text."""
+"""Errors by which a walk says that a field extends beyond the end."""
 
 
 def damaged_file(folder: Path) -> Path | None:
@@ -34,8 +39,34 @@ def damaged_file(folder: Path) -> Path | None:
         file = folder / name
         if file.is_file() and not _is_whole(file):
             return file
-    names = folder / "images.txt"
-    return names if names.is_file() and not _is_text(names) else None
+    return None
+
+
+@contextlib.contextmanager
+def with_plain_text(folder: Path) -> Iterator[Path]:
+    """A folder with the model of ``folder`` whose text files are UTF-8 without a byte order mark.
+
+    That is ``folder`` itself, or a temporary copy. Names that are not Unicode are as ``decoded_name`` says.
+    """
+    contents = {}
+    if not (folder / "images.bin").is_file():
+        files = (folder / Path(name).with_suffix(".txt") for name in _WALKS)
+        contents = {file.name: file.read_bytes() for file in files if file.is_file()}
+    plain = {name: _text(content).encode() for name, content in contents.items()}
+    if plain == contents:
+        yield folder
+        return
+    with tempfile.TemporaryDirectory() as copy:
+        for name, content in plain.items():
+            Path(copy, name).write_bytes(content)
+        yield Path(copy)
+
+
+def _text(content: bytes) -> str:
+    try:
+        return decoded_text(content)
+    except UnicodeDecodeError:
+        return decoded_name(content)
 
 
 def record_offsets(content: bytes, name: str) -> list[int]:
@@ -56,16 +87,6 @@ def camera_parameters(model: int) -> int:
     return len(pycolmap.Camera.create_from_model_id(1, pycolmap.CameraModelId(model), 1.0, 1, 1).params)
 
 
-def _is_text(file: Path) -> bool:
-    try:
-        with file.open(encoding="utf-8") as lines:
-            for _ in lines:
-                pass
-    except UnicodeDecodeError:
-        return False
-    return True
-
-
 def _is_whole(file: Path) -> bool:
     """Whether the file ends after the number of records that its header declares."""
     try:
@@ -82,7 +103,6 @@ def _after_camera(content: bytes, offset: int) -> int:
 
 def _after_image(content: bytes, offset: int) -> int:
     end_of_name = content.index(b"\0", offset + _IMAGE_HEAD_BYTES) + 1
-    content[offset + _IMAGE_HEAD_BYTES : end_of_name].decode()
     (observations,) = _COUNT.unpack_from(content, end_of_name)
     return end_of_name + _COUNT.size + int(observations) * _OBSERVATION_BYTES
 

@@ -6,6 +6,7 @@ from pathlib import Path
 from pydantic import ValidationError
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.files.json_input import read_text
 from fvs_engine.records import first_error
 from fvs_engine.sfm.settings import KnownIntrinsics
 
@@ -21,12 +22,7 @@ def read_intrinsics(file: Path) -> KnownIntrinsics:
     JSON has the fields of ``KnownIntrinsics``; a line of ``cameras.txt`` is ``CAMERA_ID MODEL WIDTH HEIGHT
     PARAMS…``, comments begin with ``#``. Raises ``InvalidInputError``, naming the file, for anything else.
     """
-    try:
-        text = file.read_text(encoding="utf-8")
-    except OSError as error:
-        raise InvalidInputError(f"{file} cannot be read: {error.strerror}.", hint=_HINT, path=file) from error
-    except UnicodeDecodeError as error:
-        raise InvalidInputError(f"{file} is not a text file.", hint=_HINT, path=file) from error
+    text = read_text(file, _HINT)
     try:
         fields = json.loads(text) if text.lstrip().startswith("{") else _fields_of_line(text)
         return KnownIntrinsics.model_validate(fields)

@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from fvs_engine.errors import InvalidInputError, StorageError
 from fvs_engine.geometry import PinholeCamera, RigidTransform, SimilarityTransform
 from fvs_engine.geometry.cameras import CAMERA_MODELS, Camera, DistortedCamera
-from fvs_engine.sfm.colmap.binary_model import read_cameras, read_points, read_posed_images
-from fvs_engine.sfm.colmap.files import damaged_file
+from fvs_engine.sfm.colmap.binary_model import read_cameras, read_names, read_points, read_posed_images
+from fvs_engine.sfm.colmap.files import damaged_file, with_plain_text
 from fvs_engine.sfm.reconstruction import PointCloud, Reconstruction
 from fvs_engine.views import AnyView, View
 
@@ -62,9 +62,17 @@ def open_colmap(folder: Path) -> pycolmap.Reconstruction:
     """Read the model in ``folder`` into pycolmap, with its tracks; raises ``StorageError``."""
     _require_sound(folder)
     try:
-        return pycolmap.Reconstruction(folder)
+        with with_plain_text(folder) as plain:
+            model = pycolmap.Reconstruction(plain)
     except Exception as error:  # pycolmap passes on any C++ exception
         raise _unreadable(folder) from error
+    try:
+        for image in model.images.values():
+            image.name  # noqa: B018 - it may not be UTF-8
+    except UnicodeDecodeError:
+        for image_id, name in read_names(folder).items():
+            model.images[image_id].name = name
+    return model
 
 
 def _unreadable(folder: Path) -> StorageError:
@@ -88,8 +96,9 @@ def _require_sound(folder: Path) -> None:
 
 def from_pycolmap(model: pycolmap.Reconstruction) -> Reconstruction:
     """Convert the registered images and the points of a pycolmap reconstruction."""
-    cameras = {camera_id: camera_from_pycolmap(camera) for camera_id, camera in model.cameras.items()}
     posed = sorted((image for image in model.images.values() if image.has_pose), key=lambda image: image.name)
+    used = {image.camera_id for image in posed}
+    cameras = {camera_id: camera_from_pycolmap(model.cameras[camera_id]) for camera_id in used}
     points = list(model.points3D.values())
     return Reconstruction(
         views=tuple(
@@ -133,17 +142,15 @@ def to_pycolmap(
 def camera_from_pycolmap(camera: pycolmap.Camera) -> Camera:
     """Convert a camera; raises ``InvalidInputError`` for a camera model that the engine does not know."""
     params = tuple(float(value) for value in camera.params)
-    if camera.model_name == "PINHOLE":
-        return PinholeCamera(camera.width, camera.height, *params)
-    if camera.model_name == "SIMPLE_PINHOLE":
-        focal, cx, cy = params
-        return PinholeCamera(camera.width, camera.height, focal, focal, cx, cy)
     if camera.model_name not in CAMERA_MODELS:
         raise InvalidInputError(
             f"The model has a camera of type {camera.model_name}, which the engine does not know.",
             hint=f"Convert it to one of {', '.join(CAMERA_MODELS)}.",
         )
-    return DistortedCamera(camera.model_name, camera.width, camera.height, params)
+    found = DistortedCamera(camera.model_name, camera.width, camera.height, params)
+    if found.is_pinhole:
+        return PinholeCamera(found.width, found.height, found.fx, found.fy, found.cx, found.cy)
+    return found
 
 
 def camera_to_pycolmap(camera: Camera, camera_id: int) -> pycolmap.Camera:

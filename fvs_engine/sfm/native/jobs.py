@@ -29,6 +29,9 @@ from fvs_engine.sfm.native.matching import match
 from fvs_engine.sfm.native.pose_review import PoseReview
 from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment, remove_outliers
 
+_TINY = 1e-7
+"""A coefficient that moves no pixel by a thousandth, and that COLMAP does not take for zero."""
+
 
 def import_images(request: ImportImages, _report: Report) -> None:
     """See ``ImportImages``."""
@@ -165,28 +168,31 @@ def _copy_with_cameras_of(model: pycolmap.Reconstruction, database: Path, target
 
 def undistort(request: UndistortImages, _report: Report) -> None:
     """See ``UndistortImages``."""
+    bent = request.out_dir / "bent"
+    model_dir = _with_bent_fisheyes(request.model_dir, bent)
     pycolmap.undistort_images(
         request.out_dir,
-        request.model_dir,
+        model_dir,
         request.image_dir,
         list(request.names),
         output_type="COLMAP",
         undistort_options=pycolmap.UndistortCameraOptions(),
         jpeg_quality=request.jpeg_quality,
     )
+    _undistort_masks(request, model_dir)
     # COLMAP prepares for its dense stereo, which is not used here.
-    shutil.rmtree(request.out_dir / "stereo", ignore_errors=True)
+    for folder in ("stereo", bent.name):
+        shutil.rmtree(request.out_dir / folder, ignore_errors=True)
     for script in request.out_dir.glob("run-colmap-*.sh"):
         script.unlink()
-    _undistort_masks(request)
 
 
-def _undistort_masks(request: UndistortImages) -> None:
+def _undistort_masks(request: UndistortImages, model_dir: Path) -> None:
     """Undistort the masks as COLMAP undistorts the images, whose empty pixels are masked, too."""
     masks = {name: mask for name in request.names if (mask := read_mask(request.image_dir, name)) is not None}
     if not masks:
         return
-    model = pycolmap.Reconstruction(request.model_dir)
+    model = pycolmap.Reconstruction(model_dir)
     for image in model.images.values():
         if image.name not in masks:
             continue
@@ -196,6 +202,27 @@ def _undistort_masks(request: UndistortImages) -> None:
             found, _ = pycolmap.undistort_image(pycolmap.UndistortCameraOptions(), grey, camera)
             mask = found.to_array() == 255
         write_mask(mask, request.out_dir / MASKS / f"{image.name}.png")
+
+
+def _with_bent_fisheyes(model_dir: Path, target: Path) -> Path:
+    """The model, or a copy in ``target`` in which fisheye cameras without coefficients have a tiny one.
+
+    COLMAP takes such a camera for undistorted and leaves its images as they are.
+    """
+    model = pycolmap.Reconstruction(model_dir)
+    plain = [
+        each for each in model.cameras.values() if each.is_perspective_fisheye() and each.is_undistorted()
+    ]
+    if not plain:
+        return model_dir
+    for camera in plain:
+        focals = (camera.focal_length_x, camera.focal_length_y)
+        middle = (camera.principal_point_x, camera.principal_point_y)
+        camera.model = pycolmap.CameraModelId.OPENCV_FISHEYE
+        camera.params = np.array([*focals, *middle, _TINY, 0.0, 0.0, 0.0])
+    target.mkdir()
+    model.write_binary(target)
+    return target
 
 
 JOBS: Mapping[str, Callable[..., Any]] = {

@@ -89,6 +89,9 @@ class FindingCode(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     FINDING_CODE_NOTHING_IN_VIEW: _ClassVar[FindingCode]
     FINDING_CODE_HEIGHTS_NOT_ELLIPSOIDAL: _ClassVar[FindingCode]
     FINDING_CODE_COARSE_POSITIONS: _ClassVar[FindingCode]
+    FINDING_CODE_NAMES_RESPELLED: _ClassVar[FindingCode]
+    FINDING_CODE_PIXELS_AS_STORED: _ClassVar[FindingCode]
+    FINDING_CODE_FAR_COORDINATES: _ClassVar[FindingCode]
 SEVERITY_UNSPECIFIED: Severity
 SEVERITY_NOTE: Severity
 SEVERITY_WARNING: Severity
@@ -166,6 +169,9 @@ FINDING_CODE_SAME_POSE: FindingCode
 FINDING_CODE_NOTHING_IN_VIEW: FindingCode
 FINDING_CODE_HEIGHTS_NOT_ELLIPSOIDAL: FindingCode
 FINDING_CODE_COARSE_POSITIONS: FindingCode
+FINDING_CODE_NAMES_RESPELLED: FindingCode
+FINDING_CODE_PIXELS_AS_STORED: FindingCode
+FINDING_CODE_FAR_COORDINATES: FindingCode
 
 class Notice(_message.Message):
     __slots__ = ("code", "severity", "images", "numbers", "texts", "message", "hint")

@@ -93,9 +93,12 @@ def test_a_mask_is_turned_with_its_photograph(tmp_path: Path, orientation: int) 
     paths = normalise_images([photograph], tmp_path / "out" / "images")
     upright = np.asarray(Image.open(paths["a.png"]))[..., 0] > 0
     np.testing.assert_array_equal(read_mask(tmp_path / "out" / "images", "a.png"), upright)
+    normalise_images([photograph], tmp_path / "stored" / "images", as_stored={"a.png"})
+    np.testing.assert_array_equal(read_mask(tmp_path / "stored" / "images", "a.png"), LEFT)
     if orientation > 4:  # one of the upright photograph
         _mask(tmp_path / "masks" / "a.png", upright)
-        np.testing.assert_array_equal(read_mask(tmp_path, "a.png"), upright)
+    np.testing.assert_array_equal(read_mask(tmp_path, "a.png", turn=True), upright)
+    np.testing.assert_array_equal(read_mask(tmp_path, "a.png"), LEFT)
 
 
 @pytest.mark.parametrize("suffix", ["png", "tif"])

@@ -8,7 +8,7 @@ from fvs_engine.errors import Cancelled
 from fvs_engine.images.catalog import catalog_images
 from fvs_engine.images.metadata import read_priors
 from fvs_engine.images.normalise import normalise_images
-from fvs_engine.images.pixels import load_rgb
+from fvs_engine.images.pixels import decode, load_rgb
 from fvs_engine.monitor import Monitor
 
 
@@ -49,7 +49,7 @@ def test_every_other_kind_becomes_upright_eight_bit(tmp_path: Path) -> None:
         "wrong%20suffix.jpg.png",
     }
     for photograph, path in zip(catalog.photographs, paths.values(), strict=True):
-        expected = load_rgb(photograph.path)
+        expected = np.asarray(decode(photograph.path.read_bytes()).rgb)
         with Image.open(path) as image:
             assert image.format == {".jpg": "JPEG", ".png": "PNG"}[path.suffix]
             assert image.mode == "RGB"
@@ -90,3 +90,18 @@ def test_an_interrupted_call_can_be_repeated(tmp_path: Path) -> None:
     paths = normalise_images(catalog.photographs, tmp_path / "images")
     assert sorted(path.name for path in (tmp_path / "images").iterdir()) == sorted(paths)
     assert all(load_rgb(path).shape == (48, 64, 3) for path in paths.values())
+
+
+def test_photographs_whose_cameras_are_given_keep_their_stored_pixels(tmp_path: Path) -> None:
+    exif = Image.Exif()
+    exif[0x0112] = 6
+    for seed, name in enumerate(("stored.png", "upright.png")):
+        Image.fromarray(_pixels(seed)).save(tmp_path / name, exif=exif)
+    photographs = catalog_images(tmp_path).photographs
+    assert [(each.turned, each.plain) for each in photographs] == [(True, False)] * 2
+    paths = normalise_images(photographs, tmp_path / "images", as_stored={"stored.png"})
+    np.testing.assert_array_equal(load_rgb(paths["stored.png"]), _pixels(0))
+    np.testing.assert_array_equal(load_rgb(paths["upright.png"]), np.rot90(_pixels(1), -1))
+    for path in paths.values():
+        with Image.open(path) as image:
+            assert image.getexif().get(0x0112, 1) == 1

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fvs_engine.images.pixels import UnusableImageError, decode, load_rgb, reduced_size
+from fvs_engine.images.pixels import UnusableImageError, decode, load_rgb, reduced_size, stored_size
 
 ORIENTATION = 0x0112
 
@@ -195,3 +195,19 @@ def test_the_first_picture_of_an_mpo_is_the_photograph(corners: Image.Image) -> 
     decoded = decode(content)
     assert decoded.format == "MPO"
     assert decoded.rgb.getpixel((5, 5)) == pytest.approx((255, 0, 0), abs=12)
+
+
+@pytest.mark.parametrize("suffix", ["png", "tif"])
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_stored_pixels_are_those_before_any_turn(orientation: int, suffix: str, tmp_path: Path) -> None:
+    """Pillow turns TIFFs by itself."""
+    pixels = np.random.default_rng(0).integers(0, 255, (48, 64, 3), dtype=np.uint8)
+    exif = Image.Exif()
+    exif[0x0112] = orientation
+    path = tmp_path / f"a.{suffix}"
+    Image.fromarray(pixels).save(path, exif=exif)
+    np.testing.assert_array_equal(load_rgb(path), pixels)
+    assert stored_size(path) == (64, 48)
+    decoded = decode(path.read_bytes())
+    assert decoded.turned is (orientation != 1)
+    assert decoded.rgb.size == ((48, 64) if orientation > 4 else (64, 48))

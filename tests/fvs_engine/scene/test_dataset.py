@@ -8,6 +8,7 @@ from PIL import Image
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.scene.dataset import Dataset, read_dataset
+from fvs_engine.scene.photographs import Photographs
 from fvs_engine.sfm.colmap.model import to_pycolmap
 from fvs_engine.views import View
 from fvs_schema.findings import FindingCode
@@ -129,13 +130,45 @@ def test_poses_that_are_not_numbers_name_their_view(tmp_path: Path, ball: Datase
         read_dataset(images, colmap=folder)
 
 
-def test_photographs_that_exif_turns_are_refused(tmp_path: Path, colmap: Path) -> None:
+def test_cameras_belong_to_stored_pixels_whatever_exif_says(tmp_path: Path, colmap: Path) -> None:
     images = write_photographs(tmp_path / "images")
     exif = Image.Exif()
-    exif[0x0112] = 3
+    exif[0x0112] = 6
     Image.new("RGB", (48, 40)).save(images / "a.png", exif=exif)
-    with pytest.raises(InvalidInputError, match=r"a\.png .*orientation 3"):
+    dataset = read_dataset(images, colmap=colmap)
+    camera = dataset.by_name["a.png"].camera
+    assert (camera.width, camera.height) == (48, 40)
+    loaded = Photographs(images, 48).load("a.png", camera, dataset.by_name["a.png"].camera_from_model)
+    assert loaded.image.shape == (40, 48, 3)
+    Image.new("RGB", (40, 48)).save(images / "a.png", exif=exif)
+    with pytest.raises(InvalidInputError, match="40×48 px, its camera 48×40") as caught:
         read_dataset(images, colmap=colmap)
+    assert "remove the orientation" in caught.value.hint
+
+
+def test_a_model_far_from_zero_is_moved_to_the_middle(tmp_path: Path, ball: Dataset) -> None:
+    folder = tmp_path / "model"
+    folder.mkdir()
+    near, far, shift = model(ball), model(ball), np.array([448_000.0, 5_411_000.0, 300.0])
+    far.transform(pycolmap.Sim3d(1.0, pycolmap.Rotation3d(), shift))
+    far.write_binary(folder)
+    dataset = read_dataset(write_photographs(tmp_path / "images"), colmap=folder)
+    offset = np.array(dataset.origin) - shift
+    assert np.linalg.norm(offset) < 10
+    for image in near.images.values():
+        np.testing.assert_allclose(
+            dataset.centres()[image.name] + offset, image.projection_center(), atol=1e-6
+        )
+    assert dataset.points is not None
+    points = np.stack([near.points3D[number].xyz for number in sorted(near.points3D)])
+    np.testing.assert_allclose(dataset.points.cloud.xyz + offset, points, atol=1e-6)
+
+
+def test_photographs_of_another_spelling_are_taken_and_named(tmp_path: Path, colmap: Path) -> None:
+    dataset = read_dataset(write_photographs(tmp_path / "images", ("A.PNG", "b.png", "c.jpg")), colmap=colmap)
+    assert dataset.names == ("A.PNG", "b.png", "c.jpg")
+    (note,) = dataset.warnings
+    assert (note.code, set(note.images)) == (FindingCode.NAMES_RESPELLED, {"A.PNG", "c.jpg"})
 
 
 def test_datasets_that_are_none(tmp_path: Path, colmap: Path) -> None:

@@ -15,8 +15,8 @@ from fvs_engine.sfm.batch import undistort as undistortion
 from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
 from fvs_engine.sfm.batch.triangulate import triangulate
 from fvs_engine.sfm.batch.undistort import undistort
-from fvs_engine.sfm.colmap.imports import import_transforms_json
 from fvs_engine.sfm.colmap.model import open_colmap
+from fvs_engine.sfm.colmap.transforms_json import import_transforms_json
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.jobs import (
     CalibrateViewGraph,

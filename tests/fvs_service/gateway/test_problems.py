@@ -224,6 +224,13 @@ def test_broken_json_is_pointed_at(gateway: Any) -> None:
     assert problem["detail"].endswith(", at character 9.")
 
 
+def test_a_byte_order_mark_is_no_part_of_a_body(gateway: Any) -> None:
+    content = '{"name": "of a file that an editor saved"}'.encode("utf-8-sig")
+    headers = {"Content-Type": "application/json"}
+    answer = gateway.client.post("/v1/scenes", content=content, headers=headers)
+    assert answer.json()["name"] == "of a file that an editor saved"
+
+
 def test_a_request_keeps_its_own_id(gateway: Any) -> None:
     answer = gateway.client.get("/nothing", headers={"X-Request-Id": "mission-7.1"})
     assert answer.json()["request_id"] == "mission-7.1"

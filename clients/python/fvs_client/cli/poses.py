@@ -120,7 +120,9 @@ def _in_volume(path: Path, count: int | None, aim: str | None, *, level: bool) -
 
 def _read(path: Path, kind: pydantic.TypeAdapter[T], form: str) -> T:
     try:
-        document = json.loads(path.read_text(encoding="utf-8"))
+        document = json.loads(
+            path.read_bytes()
+        )  # in any encoding of Unicode, with or without a byte order mark
     except ValueError as error:
         raise typer.BadParameter(f"{path}: It is no JSON: {error}. Write {form}.") from error
     try:

@@ -6,6 +6,7 @@ object are limited, because each becomes a Python object, or an error.
 """
 
 import asyncio
+import codecs
 import time
 from collections.abc import AsyncGenerator, Awaitable, Callable
 from typing import Annotated, Any, TypeVar
@@ -210,7 +211,7 @@ def _require_json(request: Request) -> None:
 def _document(content: bytes, max_values: int) -> Any:
     _require_few(content.count(b","), max_values)
     try:
-        document = orjson.loads(content)
+        document = orjson.loads(content.removeprefix(codecs.BOM_UTF8))
     except orjson.JSONDecodeError as error:
         raise MalformedRequestError(
             f"The body is not JSON: {error.msg}, at character {error.pos}.",

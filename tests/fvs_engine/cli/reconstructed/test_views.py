@@ -310,3 +310,49 @@ def test_rendered_views_are_named_like_the_photographs(
 
 def _images(out: Path) -> list[Any]:
     return list(pycolmap.Reconstruction(str(out / "undistorted" / "sparse")).images.values())
+
+
+def test_everything_is_in_the_coordinates_of_cameras_in_real_ones(
+    fvs: Fvs, first_run: tuple[Path, Any], out: Path, tmp_path: Path
+) -> None:
+    """Of a model in UTM: rankings, plans, zones and starts are in UTM, and the results the same."""
+    origin = np.array([448_000.0, 5_411_000.0, 300.0])
+    manifest = json.loads((out / "manifest.json").read_text())
+    manifest["cameras"]["origin"] = origin.tolist()
+    (out / "manifest.json").write_text(json.dumps(manifest))
+    poses = [camera.cam_from_world().inverse() for camera in _images(first_run[0])][:2]
+    middle = np.mean([pose.translation for pose in poses], axis=0)
+    found = []
+    for folder, shift in ((first_run[0], np.zeros(3)), (out, origin)):
+        listed = [
+            {
+                "position": (pose.translation + shift).tolist(),
+                "orientation_wxyz": np.roll(pose.rotation.quat, 1).tolist(),
+            }
+            for pose in poses
+        ]
+        candidates, zone, here = tmp_path / "candidates.json", tmp_path / "zone.json", tmp_path / "here"
+        candidates.write_text(json.dumps([{"id": str(i), "pose": pose} for i, pose in enumerate(listed)]))
+        box = {"kind": "box", "centre": (middle + shift + 100).tolist(), "size": [1, 1, 1]}
+        zone.write_text(json.dumps(box))
+        rank = fvs("rank", folder, "--candidates", candidates, "--all", "--out", here, "--json")
+        start = ",".join(map(str, (middle + shift).tolist()))
+        options = ("--candidates", candidates, "--start", start, "--no-fly", zone, "--out", here, "--json")
+        plan = fvs("plan", folder, *options)
+        assert (rank.status, plan.status) == (0, 0), rank.stderr + plan.stderr
+        assert [pose["position"] for pose in listed] == [
+            pytest.approx(place["position"], abs=1e-6)
+            for place in sorted(rank.document["candidates"], key=lambda place: place["name"])
+        ]
+        scores = [place["score"] for place in rank.document["candidates"]]
+        (tour,) = plan.document["plan"]["tours"]
+        stops = [stop["name"] for stop in tour["stops"]]
+        at = [pose["position"] for pose in plan.document["poses"]]
+        assert at == [pytest.approx(listed[int(name)]["position"], abs=1e-6) for name in stops]
+        found.append((scores, stops, np.array(tour["start"]) - shift, tour["length"]))
+    near, far = found
+    assert near[:2] == (pytest.approx(far[0], rel=1e-4), far[1])
+    np.testing.assert_allclose(far[2], near[2], atol=1e-6)
+    assert far[3] == pytest.approx(near[3], rel=1e-6)
+    info = fvs("info", out)
+    assert "448000, 5411000, 300" in info.stdout

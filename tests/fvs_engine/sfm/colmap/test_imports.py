@@ -1,11 +1,8 @@
-import json
-import math
 import shutil
 import struct
 from collections.abc import Callable
 from dataclasses import replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import pycolmap
@@ -14,99 +11,20 @@ from PIL import Image
 
 from fvs_engine.errors import Cancelled, InvalidInputError, StorageError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
-from fvs_engine.geometry.alignment.similarity import umeyama
 from fvs_engine.geometry.cameras import DistortedCamera
 from fvs_engine.images.masks import read_mask
+from fvs_engine.images.names import decoded_name, match_names
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.reconstruct import SfmResult, reconstruct
 from fvs_engine.sfm.batch.triangulate import triangulate
 from fvs_engine.sfm.batch.undistort import undistort
-from fvs_engine.sfm.colmap.imports import import_colmap, import_transforms_json
-from fvs_engine.sfm.colmap.model import from_pycolmap, open_colmap, read_colmap, write_colmap
+from fvs_engine.sfm.colmap.imports import import_colmap
+from fvs_engine.sfm.colmap.model import from_pycolmap, open_colmap, read_colmap, to_pycolmap, write_colmap
 from fvs_engine.sfm.pose_priors import ImageSet
-from fvs_engine.sfm.reconstruction import Reconstruction
+from fvs_engine.sfm.reconstruction import PointCloud, Reconstruction
 from fvs_engine.sfm.settings import FeatureSettings, SfmSettings
 from fvs_engine.views import AnyView, View
 from fvs_schema.findings import Finding, FindingCode
-
-
-def frame(name: str, x: float = 0.0) -> dict[str, Any]:
-    matrix = np.eye(4)
-    matrix[0, 3] = x
-    return {"file_path": name, "transform_matrix": matrix.tolist()}
-
-
-def write(folder: Path, **content: Any) -> Path:
-    file = folder / "transforms.json"
-    file.write_text(json.dumps(content))
-    return file
-
-
-HEAD = {"w": 640, "h": 480, "fl_x": 700.0}
-
-
-def test_a_view_looks_down_the_negative_z_axis_of_opengl(tmp_path: Path):
-    file = write(tmp_path, **HEAD, frames=[frame("a.jpg", x=2.0)])
-    (view,) = import_transforms_json(file).views
-    np.testing.assert_allclose(view.centre, [2.0, 0.0, 0.0])
-    # One metre ahead and half a metre up, in OpenGL's axes: ahead and, in ours, at negative y.
-    np.testing.assert_allclose(view.camera_from_model.apply([2.0, 0.5, -1.0]), [0.0, -0.5, 1.0])
-    assert view.camera == PinholeCamera(640, 480, 700.0, 700.0, 320.0, 240.0)
-
-
-def test_intrinsics_of_a_frame_win_and_lenses_are_kept(tmp_path: Path):
-    frames = [frame("a.jpg") | {"fl_x": 650.0, "k1": 0.1, "p2": 0.01}, frame("b.jpg")]
-    first, second = import_transforms_json(write(tmp_path, **HEAD, fl_y=690.0, frames=frames)).views
-    assert first.camera == DistortedCamera("OPENCV", 640, 480, (650, 690, 320, 240, 0.1, 0.0, 0.0, 0.01))
-    assert second.camera == PinholeCamera(640, 480, 700.0, 690.0, 320.0, 240.0)
-
-
-def test_blenders_files_need_no_suffix_and_no_size(tmp_path: Path):
-    Image.new("RGB", (80, 60)).save(tmp_path / "r_0.png")
-    file = write(tmp_path, camera_angle_x=math.pi / 2, frames=[frame("./r_0")])
-    (view,) = import_transforms_json(file).views
-    assert view.name == "r_0.png"
-    assert (view.camera.width, view.camera.height) == (80, 60)
-    assert view.camera.fx == pytest.approx(40.0)
-
-
-def test_what_is_no_image_is_named(tmp_path: Path):
-    (tmp_path / "r_0.png").write_text("not an image")
-    file = write(tmp_path, camera_angle_x=math.pi / 2, frames=[frame("./r_0")])
-    with pytest.raises(InvalidInputError, match=r"r_0\.png"):
-        import_transforms_json(file)
-
-
-@pytest.mark.parametrize(
-    ("content", "message"),
-    [
-        ({**HEAD, "frames": []}, "no frames"),
-        ({**HEAD, "frames": [{"file_path": "a.jpg"}]}, r"a\.jpg"),
-        ({**HEAD, "frames": [{"transform_matrix": np.eye(4).tolist()}]}, "no file_path"),
-        *(({**HEAD, "frames": [frame(name)]}, "not the path of a file") for name in (".", "", "/", "./")),
-        ({**HEAD, "frames": [frame("a.jpg", x=math.nan)]}, r"a\.jpg.*not finite"),
-        ({**HEAD, "fl_x": math.inf, "frames": [frame("a.jpg")]}, "fl_x.*not a finite"),
-        ({**HEAD, "frames": [frame("a.jpg"), frame("a.jpg")]}, "more than one"),
-        ({"w": 640, "h": 480, "frames": [frame("a.jpg")]}, "focal length"),
-        ({"fl_x": 700.0, "frames": [frame("a.jpg")]}, "no image size"),
-        (
-            {**HEAD, "frames": [{"file_path": "a.jpg", "transform_matrix": (2 * np.eye(4)).tolist()}]},
-            r"a\.jpg",
-        ),
-    ],
-)
-def test_bad_files_are_named(content: dict[str, Any], message: str, tmp_path: Path):
-    with pytest.raises(InvalidInputError, match=message) as caught:
-        import_transforms_json(write(tmp_path, **content))
-    assert "transforms.json" in str(caught.value)
-
-
-def test_what_is_no_json_is_refused(tmp_path: Path):
-    (tmp_path / "transforms.json").write_text("{")
-    with pytest.raises(InvalidInputError, match="not JSON"):
-        import_transforms_json(tmp_path / "transforms.json")
-    with pytest.raises(InvalidInputError, match="cannot be read"):
-        import_transforms_json(tmp_path / "none.json")
 
 
 @pytest.mark.parametrize("kind", ["binary", "text"])
@@ -354,12 +272,117 @@ def test_a_cancelled_undistortion_leaves_nothing_that_looks_whole(
     assert len(undistort(kermit_sfm.model_dir, kermit_dir, tmp_path / "undistorted", Monitor()).views) == 11
 
 
-def test_imported_and_computed_centres_can_be_compared(data_dir: Path):
-    views = import_transforms_json(data_dir / "fox" / "transforms.json").views
-    assert len(views) == 67
-    centres = np.stack([view.centre for view in views])
-    raw = json.loads((data_dir / "fox" / "transforms.json").read_text())["frames"]
-    by_name = {entry["file_path"]: np.array(entry["transform_matrix"])[:3, 3] for entry in raw}
-    expected = np.stack([by_name[view.name] for view in views])
-    # The file's own rotations are orthonormal to 1e-6 only.
-    np.testing.assert_allclose(umeyama(centres, expected).apply(centres), expected, atol=1e-4)
+def three_views(
+    names: tuple[str, str, str], offset: tuple[float, float, float] = (0.0, 0.0, 0.0)
+) -> Reconstruction:
+    """Three cameras 2 apart, and the points before them."""
+    camera = PinholeCamera(64, 48, 50.0, 50.0, 32.0, 24.0)
+    views = [
+        View(name, camera, RigidTransform(np.eye(3), -np.array(offset) - [2.0 * number, 0.0, 0.0]))
+        for number, name in enumerate(names)
+    ]
+    points = np.array([[0.0, 0.0, 5.0], [1.0, 0.5, 6.0]]) + offset
+    return replace(Reconstruction.of_views(views), points=PointCloud(points, np.zeros((2, 3), np.uint8)))
+
+
+@pytest.mark.parametrize("kind", ["binary", "text"])
+def test_names_in_another_character_set_are_read_and_matched(kind: str, tmp_path: Path):
+    names = ("left\\照片1.jpg", "照片2.jpg", "plain.jpg")
+    model = to_pycolmap(three_views(("XXXXX\\1.jpg", "XXXX2.jpg", "plain.jpg")).views)
+    getattr(model, f"write_{kind}")(tmp_path)
+    file = tmp_path / ("images.bin" if kind == "binary" else "images.txt")
+    content = file.read_bytes()
+    for placeholder, name in (("XXXXX\\1.jpg", names[0]), ("XXXX2.jpg", names[1])):
+        content = content.replace(placeholder.encode(), name.encode("gbk"))
+    file.write_bytes(content)
+    imported = [view.name for view in import_colmap(tmp_path).views]
+    assert imported == sorted(decoded_name(name.encode("gbk")) for name in names)
+    files = ["left/照片1.jpg", "照片2.jpg", "plain.jpg"]
+    found = match_names(imported, {name: name for name in files}).found
+    assert sorted(found.values()) == sorted(files)
+    if kind == "binary":
+        assert {view.name for view in read_colmap(tmp_path).views} == set(imported)
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+def test_a_text_model_that_an_editor_saved_is_read(encoding: str, tmp_path: Path):
+    given = three_views(("ä.jpg", "b.jpg", "c.jpg"))
+    to_pycolmap(given.views, points=given.points).write_text(tmp_path)
+    for file in tmp_path.glob("*.txt"):
+        file.write_bytes(file.read_text(encoding="utf-8").replace("\n", "\r\n").encode(encoding))
+    imported = import_colmap(tmp_path)
+    assert [view.name for view in imported.views] == ["b.jpg", "c.jpg", "ä.jpg"]
+    assert len(imported.points) == 2
+
+
+def test_a_model_in_real_coordinates_is_moved_to_its_middle(tmp_path: Path):
+    offset = (448_000.25, 5_411_000.5, 300.0)
+    names = ("a.jpg", "b.jpg", "c.jpg")
+    far, near = three_views(names, offset), three_views(names)
+    write_colmap(far, tmp_path)
+    imported = import_colmap(tmp_path)
+    assert imported.origin.tolist() == [448_002.0, 5_411_000.0, 300.0]
+    back = np.array(offset) - imported.origin
+    for view, expected in zip(imported.views, near.views, strict=True):
+        np.testing.assert_allclose(view.centre, expected.centre + back, atol=1e-8)
+    np.testing.assert_allclose(
+        np.sort(imported.points.xyz, axis=0), np.sort(near.points.xyz, axis=0) + back, atol=1e-8
+    )
+
+
+def test_a_camera_without_distortion_is_a_pinhole_whatever_its_model(tmp_path: Path):
+    camera = DistortedCamera("SIMPLE_RADIAL", 64, 48, (50.0, 32.0, 24.0, 0.0))
+    views = [replace(view, camera=camera) for view in three_views(("a.jpg", "b.jpg", "c.jpg")).views]
+    write_colmap(Reconstruction.of_views(views), tmp_path)
+    plain = PinholeCamera(64, 48, 50.0, 50.0, 32.0, 24.0)
+    assert [view.camera for view in import_colmap(tmp_path).views] == [plain] * 3
+    assert [view.camera for view in read_colmap(tmp_path).views] == [plain] * 3
+
+
+@pytest.mark.parametrize(
+    ("model", "params"),
+    [
+        ("OPENCV_FISHEYE", (30.0, 30.0, 32.0, 24.0, 0.0, 0.0, 0.0, 0.0)),
+        ("SIMPLE_FISHEYE", (30.0, 32.0, 24.0)),
+        ("RADIAL_FISHEYE", (30.0, 32.0, 24.0, 0.01, 0.0)),
+    ],
+)
+@pytest.mark.usefixtures("native_here")
+def test_a_fisheye_is_undistorted_also_without_coefficients(
+    model: str, params: tuple[float, ...], tmp_path: Path
+):
+    """The model bends a straight edge; undistortion makes it straight."""
+    camera = DistortedCamera(model, 64, 48, params)
+    views = [replace(view, camera=camera) for view in three_views(("a.png", "b.png", "c.png")).views]
+    write_colmap(Reconstruction.of_views(views), tmp_path / "model")
+    pixels = np.stack(np.meshgrid(np.arange(64) + 0.5, np.arange(48) + 0.5), axis=-1)
+    bright = np.nan_to_num(camera.unproject(pixels))[..., 1] < 0.3  # above the plane y = 0.3 z
+    for view in views:
+        Image.fromarray(np.where(bright, 255, 0).astype(np.uint8)).convert("RGB").save(tmp_path / view.name)
+    undistorted = undistort(tmp_path / "model", tmp_path, tmp_path / "undistorted", Monitor())
+    assert not (tmp_path / "undistorted" / "bent").exists()
+    for view in undistorted.views:
+        assert isinstance(view.camera, PinholeCamera)
+        with Image.open(tmp_path / "undistorted" / "images" / view.name) as image:
+            rows = (np.asarray(image.convert("L")) > 127).sum(axis=0)
+        assert np.ptp(rows) <= 2
+        assert np.median(rows) == pytest.approx(view.camera.cy + 0.3 * view.camera.fy, abs=1.0)
+
+
+@pytest.mark.usefixtures("native_here")
+def test_given_points_stay_and_the_matches_judge_the_cameras(
+    kermit_sfm: SfmResult, kermit_dir: Path, kermit_folder: Path
+):
+    given = kermit_sfm.reconstruction
+    result = triangulate(given, kermit_dir, kermit_folder, SfmSettings(), Monitor())
+    assert result.report.verdict == "accepted"
+    assert result.report.mean_reprojection_error_px == pytest.approx(given.point_errors_px.mean())
+    np.testing.assert_array_equal(
+        np.sort(result.reconstruction.points.xyz, axis=0), np.sort(given.points.xyz, axis=0)
+    )
+    names = [view.name for view in given.views]
+    swapped = [replace(view, name=name) for view, name in zip(given.views, reversed(names), strict=True)]
+    wrong = replace(given, views=tuple(sorted(swapped, key=lambda view: view.name)))
+    report = triangulate(wrong, kermit_dir, kermit_folder, SfmSettings(), Monitor()).report
+    assert report.verdict == "doubtful"
+    assert [warning.code for warning in report.warnings] == [FindingCode.MATCH_SUPPORT]

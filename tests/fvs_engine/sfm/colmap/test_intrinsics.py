@@ -54,3 +54,13 @@ def test_what_is_no_camera_is_named_with_an_example(content: str, message: str, 
 def test_a_file_that_is_not_there(tmp_path: Path) -> None:
     with pytest.raises(InvalidInputError, match=r"none\.txt cannot be read"):
         read_intrinsics(tmp_path / "none.txt")
+
+
+@pytest.mark.parametrize("encoding", ["utf-8-sig", "utf-16"])
+@pytest.mark.parametrize(
+    "content", ["# Camera list\r\n1 PINHOLE 640 480 700.5 701 320 240\r\n", CAMERA.model_dump_json()]
+)
+def test_a_byte_order_mark_is_no_camera(encoding: str, content: str, tmp_path: Path) -> None:
+    file = tmp_path / "cameras.txt"
+    file.write_bytes(content.encode(encoding))
+    assert read_intrinsics(file) == CAMERA

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 from growing_yard import Grown, grow
 
-from fvs_engine.sfm.colmap.imports import import_transforms_json
+from fvs_engine.sfm.colmap.transforms_json import import_transforms_json
 from fvs_engine.sfm.reconstruction import Reconstruction
 
 

@@ -12,7 +12,7 @@ from fvs_engine.geometry.alignment.cameras import centre_spread
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.batch.reconstruct import reconstruct
 from fvs_engine.sfm.colmap.database import feature_counts
-from fvs_engine.sfm.colmap.imports import import_transforms_json
+from fvs_engine.sfm.colmap.transforms_json import import_transforms_json
 from fvs_engine.sfm.growing.reconstruction import GrowingReconstruction
 from fvs_engine.sfm.native import registration
 from fvs_engine.sfm.native.match_cache import load_all
