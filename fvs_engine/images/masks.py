@@ -58,7 +58,8 @@ def mask_of(folder: Path, name: str, *, turn: bool = False) -> Mask | None:
     """The mask of the photograph ``name`` in ``folder``: of its file and its transparency.
 
     It is that of the stored pixels, or with ``turn`` that of the upright ones. A file has that of the stored
-    pixels, or that of the upright ones where the two sizes differ and it has theirs. Raises ``UnusableImageError`` when it cannot be read, has another size or leaves out everything.
+    pixels, or that of the upright ones where the two sizes differ and it has theirs. Raises
+    ``UnusableImageError`` when it cannot be read, has another size or leaves out everything.
     """
     found = _read(folder / name, find_mask(folder, name), turn)
     if found is not None and not found.any():

@@ -71,10 +71,9 @@ class NameMatches:
         """The note on the respelled names, if there are any."""
         if not self.respelled:
             return ()
-        first = self.respelled[0]
-        images = [self.found[name] for name in self.respelled]
+        images = [readable_name(self.found[name]) for name in self.respelled]
         code, note = FindingCode.NAMES_RESPELLED, Severity.NOTE
-        return (Finding.of(code, images, note, name=first, image=self.found[first]),)
+        return (Finding.of(code, images, note, name=readable_name(self.respelled[0]), image=images[0]),)
 
 
 def match_names(names: Iterable[str], images: Mapping[str, str]) -> NameMatches:

@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.folders import require_folder
 from fvs_engine.images.catalog import SUFFIXES
-from fvs_engine.images.names import is_mask, match_files
+from fvs_engine.images.names import is_mask, match_files, readable_name
 from fvs_engine.scene.sparse_points import SparsePoints, points_from_pycolmap
 from fvs_engine.sfm.colmap.imports import fit_camera, open_near
 from fvs_engine.sfm.colmap.model import from_pycolmap, has_colmap_model
@@ -84,7 +84,9 @@ def read_dataset(images: Path, colmap: Path | None = None, transforms: Path | No
             hint="Give either the folder of the model or the file.",
         )
     matches = match_files([view.name for view in posed], images)
-    names, missing = matches.found, sorted(matches.missing)
+    # Neither COLMAP nor JSON can hold other names.
+    names = {view: file for view, file in matches.found.items() if file == readable_name(file)}
+    missing = sorted(view.name for view in posed if view.name not in names)
     views = sorted(
         (
             replace(view, name=name, camera=fit_camera(view.camera, images / name))

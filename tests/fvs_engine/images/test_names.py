@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.images.names import decoded_name, match_files, match_names
+from fvs_engine.images.names import decoded_name, match_files, match_names, readable_name
 from fvs_schema.findings import FindingCode
 
 IMAGES = {"a/1.jpg": "a/1.jpg", "b/1.jpg": "b/1.jpg", "2.tif": "2.tif.png", "2.tif.png": "2.tif.png"}
@@ -79,8 +79,8 @@ def test_other_spellings_mean_the_same_image(name: str, images: list[str], expec
     assert matches.found == {name: found}
     assert matches.respelled == (name,)
     (finding,) = matches.findings()
-    assert (finding.code, finding.images) == (FindingCode.NAMES_RESPELLED, (found,))
-    assert finding.texts == {"name": name, "image": found}
+    assert (finding.code, finding.images) == (FindingCode.NAMES_RESPELLED, (readable_name(found),))
+    assert finding.texts == {"name": name, "image": readable_name(found)}
 
 
 @pytest.mark.parametrize(

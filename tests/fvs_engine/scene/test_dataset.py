@@ -1,4 +1,5 @@
 import json
+import os
 from pathlib import Path
 
 import numpy as np
@@ -169,6 +170,15 @@ def test_photographs_of_another_spelling_are_taken_and_named(tmp_path: Path, col
     assert dataset.names == ("A.PNG", "b.png", "c.jpg")
     (note,) = dataset.warnings
     assert (note.code, set(note.images)) == (FindingCode.NAMES_RESPELLED, {"A.PNG", "c.jpg"})
+
+
+def test_a_photograph_whose_name_no_text_can_hold_is_left_out(tmp_path: Path) -> None:
+    images = write_photographs(tmp_path / "images", ("a.png", "b.png", os.fsdecode(b"\xe4.png")))
+    file = write_transforms(tmp_path / "transforms.json", **{"ä.png": np.eye(4).tolist()})
+    dataset = read_dataset(images, transforms=file)
+    assert dataset.names == ("a.png", "b.png")
+    _, missing, unposed = dataset.warnings
+    assert (missing.images, unposed.images) == (("images/gone.png", "ä.png"), ("%E4.png",))
 
 
 def test_datasets_that_are_none(tmp_path: Path, colmap: Path) -> None:
