@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.folders import require_folder
 from fvs_engine.images.catalog import SUFFIXES
-from fvs_engine.images.names import is_mask, match_files, readable_name
+from fvs_engine.images.names import is_mask, match_files
 from fvs_engine.scene.sparse_points import SparsePoints, points_from_pycolmap
 from fvs_engine.sfm.colmap.imports import fit_camera, open_near
 from fvs_engine.sfm.colmap.model import from_pycolmap, has_colmap_model
