@@ -29,9 +29,7 @@ def test_a_moved_camera_sees_the_same_picture(make_gaussians: Make, sh_degree: i
     world_from_camera = WORLD_FROM_MODEL.move_camera(model_from_camera)
     after = render_color(moved(model, WORLD_FROM_MODEL), _view(world_from_camera), rasterizer, sh_degree=3)
     assert before.std() > 0.1
-    # The clamp of colours and the limits of pixels are steps: a Gaussian's last bit may cross one.
-    assert np.quantile(np.abs(after - before), 0.995) < 1e-3
-    assert np.abs(after - before).max() < 0.02
+    np.testing.assert_allclose(after, before, atol=1e-4)
 
 
 def test_harmonics_that_stay_show_other_colours(make_gaussians: Make) -> None:
