@@ -13,6 +13,7 @@ from fvs_service.images.exclusion import Exclusions
 from fvs_service.images.fair_turns import FairTurns
 from fvs_service.images.inspection import image_limits
 from fvs_service.images.inspector import Inspector
+from fvs_service.images.masks import Masks
 from fvs_service.images.service import Images
 from fvs_service.images.upload_locks import UploadLocks
 from fvs_service.images.upload_places import UploadPlaces
@@ -71,6 +72,7 @@ class Application:
     scenes: Scenes
     images: Images
     exclusions: Exclusions
+    masks: Masks
     jobs: Jobs
     rankings: Rankings
     plans: Plans
@@ -202,6 +204,7 @@ def open_application(
                 scenes=Scenes(storage.database, limits),
                 images=Images(storage.database, storage.blobs, inspector, jobs, limits),
                 exclusions=Exclusions(storage.database, jobs),
+                masks=Masks(storage.database, storage.blobs, inspector, jobs),
                 jobs=jobs,
                 rankings=rankings,
                 plans=plans,

@@ -18,6 +18,7 @@ from fvs_client import (
     Verdict,
 )
 from fvs_client.cli.app import app
+from PIL import Image
 from typer.testing import CliRunner
 
 
@@ -228,3 +229,22 @@ def _received_bytes(gateway: Any) -> float:
         for sample in family.samples
         if sample.name.endswith("_total")
     )
+
+
+def test_masks_are_sent_after_their_images(client: Client, photographs: Path) -> None:
+    with Image.open(photographs / "a.JPG") as image:
+        size = image.size
+    whole, half = Image.new("L", size, 255), Image.new("L", size, 255)
+    half.paste(0, (0, 0, size[0] // 2, size[1]))
+    (photographs / "masks").mkdir()
+    half.save(photographs / "masks" / "a.png")
+    whole.resize((8, 8)).save(photographs / "masks" / "b.jpg.png")
+    images = client.scenes.create("quarry").images
+    for _ in range(2):
+        report = images.upload(photographs)
+        assert [file.path.name for file in report.failed] == ["b.jpg"]
+        assert "8×8 px" in str(report.failed[0].error)
+        assert [image.mask is not None for image in images.list()].count(True) == 1
+    masked = next(image for image in images.list() if image.mask)
+    assert masked.name == "a.JPG"
+    assert images.remove_mask(masked.digest).mask is None

@@ -1,6 +1,7 @@
 """What only gRPC has: streams, deadlines, messages of other versions, health, reflection, a stop."""
 
 import asyncio
+import io
 import json
 import threading
 import time
@@ -8,6 +9,7 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 import grpc
+import numpy as np
 import pytest
 from contract_calls import CHUNK, digest_of, refused, send, upload_parts, wait_until, with_key
 from fvs.v1 import images_pb2 as images
@@ -20,6 +22,7 @@ from google.protobuf.descriptor_pb2 import FileDescriptorProto
 from grpc_health.v1.health_pb2 import HealthCheckRequest, HealthCheckResponse
 from grpc_health.v1.health_pb2_grpc import HealthStub
 from grpc_reflection.v1alpha.reflection_pb2 import ServerReflectionRequest, ServerReflectionResponse
+from PIL import Image
 
 from fvs_engine.candidates import CandidateScore
 from fvs_schema.candidates import CandidateStatus
@@ -382,3 +385,19 @@ def test_calls_are_logged_with_what_they_are_about_and_why_they_fail(
     assert {call["scene"] for call in calls} == {scene}
     assert (calls[0]["status"], calls[-1]["status"]) == ("OK", "UNAVAILABLE")
     assert (calls[-1]["code"], calls[-1]["reason"]) == ("unavailable", "connection refused")
+
+
+def test_a_mask_is_a_png_in_one_message(tenant: Any, photograph: Callable[..., bytes]) -> None:
+    scene, content = tenant.scene(), photograph(16)
+    digest = tenant.upload(scene, content).result["digest"]
+    out = io.BytesIO()
+    Image.fromarray(np.tile(np.arange(96) < 40, (64, 1))).save(out, "PNG")
+    call = tenant.transport.unary("SetMask")
+    request = images.SetMaskRequest(scene_id=scene, digest=digest, mask=out.getvalue())
+    for _ in range(2):
+        image = call(request, metadata=with_key(tenant))
+        assert (image.mask, image.number) == (digest_of(out.getvalue()), 2)
+    _, outcome = refused(
+        lambda: call(images.SetMaskRequest(scene_id=scene, digest=digest), metadata=with_key(tenant))
+    )
+    assert outcome.code == "invalid-request"

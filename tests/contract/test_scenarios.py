@@ -108,6 +108,7 @@ def test_images_are_uploaded_once_judged_and_listed(
         tenant.call("GetImage", scene_id=scene, digest=digest)
         assert tenant.call("ExcludeImage", scene_id=scene, digest=digest).result["registration"] == "excluded"
         tenant.call("IncludeImage", scene_id=scene, digest=digest)
+        assert tenant.call("RemoveMask", scene_id=scene, digest=digest).result["mask"] is None
         tenant.call("ListImages", scene_id=scene, limit=2)
         tenant.call("DeleteImage", scene_id=scene, digest=digest)
         refused(tenant.call("GetImage", scene_id=scene, digest=digest), "not-found")

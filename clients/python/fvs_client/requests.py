@@ -168,6 +168,18 @@ def include_image(scene_id: str, digest: str) -> Request:
     return Request("POST", f"{images_of(scene_id)}/{_part(digest)}:include")
 
 
+def set_mask(scene_id: str, digest: str, mask: bytes) -> Request:
+    """Give an image a mask, a PNG; sending the same one again changes nothing."""
+    return Request(
+        "PUT", f"{images_of(scene_id)}/{_part(digest)}/mask", {}, {"Content-Type": "image/png"}, body=mask
+    )
+
+
+def remove_mask(scene_id: str, digest: str) -> Request:
+    """Take the mask of an image away."""
+    return Request("DELETE", f"{images_of(scene_id)}/{_part(digest)}/mask")
+
+
 def delete_image(scene_id: str, digest: str) -> Request:
     """Delete an image."""
     return Request("DELETE", f"{images_of(scene_id)}/{_part(digest)}")

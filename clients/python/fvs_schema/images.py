@@ -211,7 +211,7 @@ class Image(Output):
     scene_id: str
     """The scene."""
     number: Count
-    """Counts in the order of arrival."""
+    """Counts in the order of arrival, of the image or of its mask."""
     name: str
     """The sender's name of it."""
     verdict: Verdict
@@ -224,6 +224,8 @@ class Image(Output):
     """The kind of the reason why it is quarantined or unregistered, for programs; else null."""
     warnings: tuple[ImageWarning, ...]
     """Warnings about an accepted image."""
+    mask: Digest | None = None
+    """The SHA-256 of its mask; null when it has none."""
     duplicate_of: Digest | None
     """The image with the same pixels; null unless it is a duplicate."""
     registration: Registration

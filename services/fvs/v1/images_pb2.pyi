@@ -168,6 +168,24 @@ class IncludeImageRequest(_message.Message):
     digest: str
     def __init__(self, scene_id: _Optional[str] = ..., digest: _Optional[str] = ...) -> None: ...
 
+class SetMaskRequest(_message.Message):
+    __slots__ = ("scene_id", "digest", "mask")
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    DIGEST_FIELD_NUMBER: _ClassVar[int]
+    MASK_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    digest: str
+    mask: bytes
+    def __init__(self, scene_id: _Optional[str] = ..., digest: _Optional[str] = ..., mask: _Optional[bytes] = ...) -> None: ...
+
+class RemoveMaskRequest(_message.Message):
+    __slots__ = ("scene_id", "digest")
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    DIGEST_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    digest: str
+    def __init__(self, scene_id: _Optional[str] = ..., digest: _Optional[str] = ...) -> None: ...
+
 class DownloadImageRequest(_message.Message):
     __slots__ = ("scene_id", "digest", "start", "stop")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
@@ -243,7 +261,7 @@ class ImageMetadata(_message.Message):
     def __init__(self, name: _Optional[str] = ..., captured_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., x_m: _Optional[float] = ..., y_m: _Optional[float] = ..., z_m: _Optional[float] = ..., yaw_deg: _Optional[float] = ..., pitch_deg: _Optional[float] = ..., roll_deg: _Optional[float] = ..., position_sigma_m: _Optional[float] = ..., attitude_sigma_deg: _Optional[float] = ...) -> None: ...
 
 class Image(_message.Message):
-    __slots__ = ("digest", "scene_id", "number", "name", "verdict", "reason", "hint", "warnings", "duplicate_of", "registration", "size_bytes", "format", "width_px", "height_px", "focal_length_px", "sharpness", "prior", "captured_at", "received_at", "finding")
+    __slots__ = ("digest", "scene_id", "number", "name", "verdict", "reason", "hint", "warnings", "duplicate_of", "registration", "size_bytes", "format", "width_px", "height_px", "focal_length_px", "sharpness", "prior", "captured_at", "received_at", "finding", "mask")
     DIGEST_FIELD_NUMBER: _ClassVar[int]
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     NUMBER_FIELD_NUMBER: _ClassVar[int]
@@ -264,6 +282,7 @@ class Image(_message.Message):
     CAPTURED_AT_FIELD_NUMBER: _ClassVar[int]
     RECEIVED_AT_FIELD_NUMBER: _ClassVar[int]
     FINDING_FIELD_NUMBER: _ClassVar[int]
+    MASK_FIELD_NUMBER: _ClassVar[int]
     digest: str
     scene_id: str
     number: int
@@ -284,7 +303,8 @@ class Image(_message.Message):
     captured_at: _timestamp_pb2.Timestamp
     received_at: _timestamp_pb2.Timestamp
     finding: _findings_pb2.FindingCode
-    def __init__(self, digest: _Optional[str] = ..., scene_id: _Optional[str] = ..., number: _Optional[int] = ..., name: _Optional[str] = ..., verdict: _Optional[_Union[Verdict, str]] = ..., reason: _Optional[str] = ..., hint: _Optional[str] = ..., warnings: _Optional[_Iterable[_Union[ImageWarning, str]]] = ..., duplicate_of: _Optional[str] = ..., registration: _Optional[_Union[Registration, str]] = ..., size_bytes: _Optional[int] = ..., format: _Optional[str] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., focal_length_px: _Optional[float] = ..., sharpness: _Optional[float] = ..., prior: _Optional[_Union[Prior, _Mapping]] = ..., captured_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., received_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., finding: _Optional[_Union[_findings_pb2.FindingCode, str]] = ...) -> None: ...
+    mask: str
+    def __init__(self, digest: _Optional[str] = ..., scene_id: _Optional[str] = ..., number: _Optional[int] = ..., name: _Optional[str] = ..., verdict: _Optional[_Union[Verdict, str]] = ..., reason: _Optional[str] = ..., hint: _Optional[str] = ..., warnings: _Optional[_Iterable[_Union[ImageWarning, str]]] = ..., duplicate_of: _Optional[str] = ..., registration: _Optional[_Union[Registration, str]] = ..., size_bytes: _Optional[int] = ..., format: _Optional[str] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., focal_length_px: _Optional[float] = ..., sharpness: _Optional[float] = ..., prior: _Optional[_Union[Prior, _Mapping]] = ..., captured_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., received_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., finding: _Optional[_Union[_findings_pb2.FindingCode, str]] = ..., mask: _Optional[str] = ...) -> None: ...
 
 class ImageList(_message.Message):
     __slots__ = ("items", "next")

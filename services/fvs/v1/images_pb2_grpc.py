@@ -77,6 +77,16 @@ class ImageServiceStub:
                 request_serializer=fvs_dot_v1_dot_images__pb2.IncludeImageRequest.SerializeToString,
                 response_deserializer=fvs_dot_v1_dot_images__pb2.Image.FromString,
                 _registered_method=True)
+        self.SetMask = channel.unary_unary(
+                '/fvs.v1.ImageService/SetMask',
+                request_serializer=fvs_dot_v1_dot_images__pb2.SetMaskRequest.SerializeToString,
+                response_deserializer=fvs_dot_v1_dot_images__pb2.Image.FromString,
+                _registered_method=True)
+        self.RemoveMask = channel.unary_unary(
+                '/fvs.v1.ImageService/RemoveMask',
+                request_serializer=fvs_dot_v1_dot_images__pb2.RemoveMaskRequest.SerializeToString,
+                response_deserializer=fvs_dot_v1_dot_images__pb2.Image.FromString,
+                _registered_method=True)
         self.DownloadImage = channel.unary_stream(
                 '/fvs.v1.ImageService/DownloadImage',
                 request_serializer=fvs_dot_v1_dot_images__pb2.DownloadImageRequest.SerializeToString,
@@ -145,6 +155,21 @@ class ImageServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def SetMask(self, request, context):
+        """Give an accepted image a mask: a PNG of its size, in which black is left out. Sending the same mask again
+        changes nothing. With another one the image is pending again.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def RemoveMask(self, request, context):
+        """Take the mask of an image away; no effect when it has none.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def DownloadImage(self, request, context):
         """Download the original of an accepted image, byte for byte as it was sent, or a range of it.
         """
@@ -193,6 +218,16 @@ def add_ImageServiceServicer_to_server(servicer, server):
             'IncludeImage': grpc.unary_unary_rpc_method_handler(
                     servicer.IncludeImage,
                     request_deserializer=fvs_dot_v1_dot_images__pb2.IncludeImageRequest.FromString,
+                    response_serializer=fvs_dot_v1_dot_images__pb2.Image.SerializeToString,
+            ),
+            'SetMask': grpc.unary_unary_rpc_method_handler(
+                    servicer.SetMask,
+                    request_deserializer=fvs_dot_v1_dot_images__pb2.SetMaskRequest.FromString,
+                    response_serializer=fvs_dot_v1_dot_images__pb2.Image.SerializeToString,
+            ),
+            'RemoveMask': grpc.unary_unary_rpc_method_handler(
+                    servicer.RemoveMask,
+                    request_deserializer=fvs_dot_v1_dot_images__pb2.RemoveMaskRequest.FromString,
                     response_serializer=fvs_dot_v1_dot_images__pb2.Image.SerializeToString,
             ),
             'DownloadImage': grpc.unary_stream_rpc_method_handler(
@@ -417,6 +452,60 @@ class ImageService:
             target,
             '/fvs.v1.ImageService/IncludeImage',
             fvs_dot_v1_dot_images__pb2.IncludeImageRequest.SerializeToString,
+            fvs_dot_v1_dot_images__pb2.Image.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def SetMask(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.ImageService/SetMask',
+            fvs_dot_v1_dot_images__pb2.SetMaskRequest.SerializeToString,
+            fvs_dot_v1_dot_images__pb2.Image.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def RemoveMask(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.ImageService/RemoveMask',
+            fvs_dot_v1_dot_images__pb2.RemoveMaskRequest.SerializeToString,
             fvs_dot_v1_dot_images__pb2.Image.FromString,
             options,
             channel_credentials,

@@ -18,7 +18,7 @@ from fvs_service.jobs.service import Jobs
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.lease import Lease, require_lease
 from fvs_service.scenes.repository import scene_head_of, scene_of
-from fvs_service.storage.blob_keys import image_key
+from fvs_service.storage.blob_keys import image_key, mask_key
 from fvs_service.storage.database import Database
 from fvs_service.storage.removals import remove_later
 
@@ -34,7 +34,7 @@ class Exclusions:
         """Leave an accepted image out of the next model; its bytes stay."""
         principal.require(Scope.OPERATE, scene_id)
         with self._database.writing(scene_id) as session:
-            image = _accepted_image(session, principal, scene_id, digest)
+            image = accepted_image(session, principal, scene_id, digest)
             if image.registration is Registration.EXCLUDED:
                 return image
             changed = repository.change_registration(session, image, Registration.EXCLUDED)
@@ -45,7 +45,7 @@ class Exclusions:
         """Use an excluded or quarantined image again: it is pending until the next update."""
         principal.require(Scope.OPERATE, scene_id)
         with self._database.writing(scene_id) as session:
-            image = _accepted_image(session, principal, scene_id, digest)
+            image = accepted_image(session, principal, scene_id, digest)
             if not image.registration.left_out:
                 return image
             changed = repository.change_registration(session, image, Registration.PENDING)
@@ -66,6 +66,9 @@ class Exclusions:
                 raise NotFoundError("The scene has no such image.")
             for image in deleted:
                 remove_later(session, scene_id, image_key(scene_id, image.sha256))
+                if image.mask is not None:
+                    mask = image.mask.removeprefix("sha256:")
+                    remove_later(session, scene_id, mask_key(scene_id, image.sha256, mask))
                 _publish(session, image, EventKind.IMAGE_DELETED)
 
 
@@ -80,7 +83,8 @@ def quarantine(session: Session, lease: Lease, reasons: Mapping[str, Finding]) -
         _publish(session, changed, EventKind.IMAGE_QUARANTINED)
 
 
-def _accepted_image(session: Session, principal: Principal, scene_id: str, digest: str) -> Image:
+def accepted_image(session: Session, principal: Principal, scene_id: str, digest: str) -> Image:
+    """An image of the scene; raises ``NotFoundError``, and ``ConflictError`` when it is not accepted."""
     scene_head_of(session, principal, scene_id)
     image = repository.find_image(session, scene_id, digest)
     if image is None:

@@ -7,12 +7,13 @@ import contextlib
 from collections.abc import Iterable
 from pathlib import Path
 
+from fvs_engine.images.names import MASKS
 from fvs_engine.wording import notice
 from fvs_schema.findings import Finding, Notice
 from fvs_schema.images import Image
 from fvs_service.engine_errors import without_folders
 from fvs_service.errors import NotFoundError
-from fvs_service.storage.blob_keys import image_key
+from fvs_service.storage.blob_keys import image_key, mask_key
 from fvs_service.storage.blobs import Blobs
 
 IMAGES, ARRIVALS, READY = "images", "arrivals", "ready"
@@ -28,7 +29,7 @@ def export_images(blobs: Blobs, images: tuple[Image, ...], folder: Path) -> dict
     """Write accepted images into ``folder`` for the engine; returns them by file name.
 
     Names sort in the order of arrival (``000017-3fa9c2d41b7e.jpg``). Existing files are kept. Images that
-    were deleted meanwhile are left out.
+    were deleted meanwhile are left out. Masks go to the folder of masks in it.
     """
     named = {}
     for image in images:
@@ -36,6 +37,9 @@ def export_images(blobs: Blobs, images: tuple[Image, ...], folder: Path) -> dict
         with contextlib.suppress(NotFoundError):
             if not (folder / name).exists():
                 blobs.export(blob_key(image.scene_id, image.digest), folder / name)
+                if image.mask is not None:
+                    mask = mask_key(image.scene_id, image.sha256, image.mask.removeprefix("sha256:"))
+                    blobs.export(mask, folder / MASKS / f"{name}.png")
             named[name] = image
     return named
 

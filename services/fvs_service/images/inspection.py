@@ -20,6 +20,7 @@ from fvs_engine.images.limits import (
     TooSmallError,
     UnusableImageError,
 )
+from fvs_engine.images.masks import mask_of
 from fvs_engine.images.metadata import PhotographPriors, read_priors
 from fvs_engine.images.pixels import decode
 from fvs_schema.images import ImageWarning, Verdict
@@ -105,6 +106,23 @@ def inspect(path: Path, limits: ImageLimits) -> Inspection:
         ),
         priors=priors,
     )
+
+
+@dataclass(frozen=True)
+class MaskProblem:
+    """Why a mask cannot be used, as a sentence, and the remedy."""
+
+    reason: str
+    hint: str
+
+
+def inspect_mask(folder: Path, name: str) -> MaskProblem | None:
+    """Why the engine cannot use the mask of the image ``name`` in ``folder``; None if it can."""
+    try:
+        mask_of(folder, name)
+    except UnusableImageError as error:
+        return MaskProblem(_sentence(error.message), error.hint)
+    return None
 
 
 def measure_sharpness(image: Image.Image) -> float:

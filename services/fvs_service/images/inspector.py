@@ -10,7 +10,9 @@ import multiprocessing
 import os
 import resource
 import time
+from collections.abc import Callable
 from pathlib import Path
+from typing import TypeVar
 
 import structlog
 from pebble import ProcessExpired, ProcessPool
@@ -18,7 +20,9 @@ from pebble import ProcessExpired, ProcessPool
 from fvs_engine.child_process import end_with_parent
 from fvs_engine.images.limits import ImageLimits
 from fvs_schema.images import Verdict
-from fvs_service.images.inspection import Inspection, inspect
+from fvs_service.images.inspection import Inspection, MaskProblem, inspect, inspect_mask
+
+Found = TypeVar("Found")
 
 _log = structlog.get_logger()
 
@@ -56,14 +60,21 @@ class Inspector:
 
     def inspect(self, path: Path) -> Inspection:
         """Return the verdict on the file at ``path``."""
-        task = self._pool.schedule(
-            _inspect_within, (path, self._limits, _CPU_S), timeout=_STUCK_AFTER * _CPU_S
-        )
+        return self._within(_KILLED, inspect, path, self._limits)
+
+    def mask_problem(self, folder: Path, name: str) -> MaskProblem | None:
+        """Why the mask of the image ``name`` in ``folder`` cannot be used; None if it can be."""
+        killed: MaskProblem | None = MaskProblem(_KILLED.reason, _KILLED.hint)
+        return self._within(killed, inspect_mask, folder, name)
+
+    def _within(self, killed: Found, function: Callable[..., Found], *arguments: object) -> Found:
+        """The result of a function in a child; ``killed`` when that exceeded a limit."""
+        task = self._pool.schedule(_run_within, (function, *arguments), timeout=_STUCK_AFTER * _CPU_S)
         try:
-            found: Inspection = task.result()
+            found: Found = task.result()
         except (ProcessExpired, TimeoutError) as error:
             _log.warning("inspection killed", reason=str(error))
-            return _KILLED
+            return killed
         return found
 
     def close(self) -> None:
@@ -82,8 +93,8 @@ def _limit_child(parent: int, memory_bytes: int) -> None:
     end_with_parent(parent, kernel=False)  # the pool's threads make the children
 
 
-def _inspect_within(path: Path, limits: ImageLimits, cpu_s: float) -> Inspection:
+def _run_within(function: Callable[..., Found], *arguments: object) -> Found:
     _, hard = resource.getrlimit(resource.RLIMIT_CPU)
     used = time.process_time()
-    resource.setrlimit(resource.RLIMIT_CPU, (int(used + cpu_s) + 1, hard))
-    return inspect(path, limits)
+    resource.setrlimit(resource.RLIMIT_CPU, (int(used + _CPU_S) + 1, hard))
+    return function(*arguments)

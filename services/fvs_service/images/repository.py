@@ -122,6 +122,20 @@ def change_registration(
     return _image(row)
 
 
+def change_mask(session: Session, image: Image, mask: str | None) -> Image:
+    """Write the digest of an image's mask; returns the changed image, which has a new number and no pose.
+
+    An excluded image stays so.
+    """
+    row = session.get_one(ImageRow, (image.scene_id, image.sha256))
+    row.number = next_number(session, image.scene_id)
+    if row.registration != Registration.EXCLUDED.value:
+        row.registration = Registration.PENDING.value
+    row.document = {**_with_finding(row, None), "number": row.number, "mask": mask}
+    session.flush()
+    return _image(row)
+
+
 def delete_image(session: Session, scene_id: str, digest: str) -> tuple[Image, ...]:
     """Delete an image and its duplicates; returns them, none when the scene does not have it."""
     row = session.get(ImageRow, (scene_id, digest[_HEX:]))
@@ -143,12 +157,17 @@ def delete_image(session: Session, scene_id: str, digest: str) -> tuple[Image, .
 
 
 def register(
-    session: Session, scene_id: str, registered: Iterable[str], unregistered: Mapping[str, Finding | None]
+    session: Session,
+    scene_id: str,
+    registered: Iterable[str],
+    unregistered: Mapping[str, Finding | None],
+    last_number: int | None = None,
 ) -> None:
     """Record which accepted images, given by digest, have a pose in the current model.
 
     ``unregistered``: those without one → the reason, None where it is not known. Those that are left out stay
-    so: they were taken out while the model was made.
+    so: they were taken out while the model was made. So do those after ``last_number``, which were sent
+    again, or got a mask, in the meantime.
     """
     registered = list(registered)
     posed = {digest[_HEX:] for digest in registered}
@@ -167,6 +186,7 @@ def register(
                     ImageRow.scene_id == scene_id,
                     ImageRow.verdict == Verdict.ACCEPTED.value,
                     ImageRow.registration.not_in(_LEFT_OUT),
+                    *(() if last_number is None else (ImageRow.number <= last_number,)),
                     ImageRow.sha256.in_(digest[_HEX:] for digest in digests[start : start + _VARIABLES]),
                 )
                 .values(registration=registration.value)

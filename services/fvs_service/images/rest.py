@@ -60,6 +60,7 @@ _ReprDigest = Annotated[str | None, Header(alias="Repr-Digest", description=_SUM
 _ContentDigest = Annotated[str | None, Header(alias="Content-Digest", description=_SUM)]
 _BINARY: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
 _PUT: dict[str, Any] = {"requestBody": {"required": True, "content": {"application/octet-stream": _BINARY}}}
+_MASK: dict[str, Any] = {"requestBody": {"required": True, "content": {"image/png": _BINARY}}}
 _FORM: dict[str, Any] = {
     "requestBody": {
         "required": True,
@@ -182,6 +183,34 @@ def exclude_image(app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex)
 def include_image(app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex) -> Image:
     """Use an excluded or quarantined image again; no effect when it is neither."""
     return app.exclusions.include(caller, scene_id, f"sha256:{hexadecimal}")
+
+
+@router.put("/images/sha256:{hexadecimal:plain}/mask", openapi_extra=_MASK)
+async def set_mask(
+    app: App, caller: SceneUploader, scene_id: SceneId, hexadecimal: Hex, request: Request
+) -> Image:
+    """Give an accepted image a mask: a PNG of its size, in which black is left out.
+
+    Sending the same mask again changes nothing. With another one the image is pending again.
+    """
+    _require_image_type(request)
+    digest = f"sha256:{hexadecimal}"
+    with (
+        app.upload_places.place(caller, request.state.pace, declared_bytes(request)) as place,
+        app.uploads.receive() as receiver,
+    ):
+        async with place.receiving(), contextlib.aclosing(blocks(request)) as body:
+            async for block in body:
+                await to_its_end(run_in_threadpool(receiver.write, block))
+        mask = receiver.finish()
+        async with app.inspection_turns.turn(caller):
+            return await to_its_end(run_in_threadpool(app.masks.set, caller, scene_id, digest, mask))
+
+
+@router.delete("/images/sha256:{hexadecimal:plain}/mask")
+def remove_mask(app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex) -> Image:
+    """Take the mask of an image away; no effect when it has none."""
+    return app.masks.remove(caller, scene_id, f"sha256:{hexadecimal}")
 
 
 @router.get("/images/sha256:{hexadecimal:plain}/content", response_class=Response, responses=_CONTENT)

@@ -64,6 +64,17 @@ class ImageServicer:
         """Use an image again."""
         return self._app.exclusions.include(caller, request.scene_id, digest_of(request))
 
+    def set_mask(self, caller: Principal, request: pb.SetMaskRequest) -> Image:
+        """Give an image a mask."""
+        self._app.scenes.require(caller, Scope.UPLOAD, request.scene_id)
+        with self._app.uploads.receive() as receiver:
+            receiver.write(request.mask)
+            return self._app.masks.set(caller, request.scene_id, digest_of(request), receiver.finish())
+
+    def remove_mask(self, caller: Principal, request: pb.RemoveMaskRequest) -> Image:
+        """Take the mask of an image away."""
+        return self._app.masks.remove(caller, request.scene_id, digest_of(request))
+
     async def download_image(
         self, _call: Call, caller: Principal, request: pb.DownloadImageRequest
     ) -> AsyncIterator[DownloadPart]:

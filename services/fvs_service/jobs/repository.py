@@ -76,17 +76,19 @@ def unprocessed_images(session: Session, scene_id: str) -> int:
             JobRow.state == JobState.RUNNING.value,
         )
     )
-    taken = (
-        None
-        if running is None
-        else session.get(JobMilestoneRow, (running.id, images_milestone(running.attempt)))
-    )
+    taken = None if running is None else last_image_number(session, running.id, running.attempt)
     query = select(func.count()).where(
         ImageRow.scene_id == scene_id,
         ImageRow.registration == "pending",
-        ImageRow.number > (0 if taken is None else taken.document["last_number"]),
+        ImageRow.number > (taken or 0),
     )
     return session.scalar(query) or 0
+
+
+def last_image_number(session: Session, job_id: str, attempt: int) -> int | None:
+    """The number of the last image that an attempt processes; None before its first start."""
+    taken = session.get(JobMilestoneRow, (job_id, images_milestone(attempt)))
+    return None if taken is None else int(taken.document["last_number"])
 
 
 def images_milestone(attempt: int) -> str:

@@ -28,6 +28,7 @@ from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
 from fvs_service.images.repository import register
 from fvs_service.jobs.ledger import add_warning, attach_snapshot, record_milestone
+from fvs_service.jobs.repository import last_image_number
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.lease import Lease, require_lease
 from fvs_service.scenes.repository import find_scene_head, scene_of, set_snapshot
@@ -174,7 +175,8 @@ class Snapshots:
                 return False
             repository.add_snapshot(session, snapshot)
             keep(session, keys)
-            register(session, lease.scene_id, made.registered, made.unregistered)
+            last = last_image_number(session, job.id, job.attempt)
+            register(session, lease.scene_id, made.registered, made.unregistered, last)
             if not _is_behind(session, snapshot):
                 set_snapshot(session, lease.scene_id, snapshot.id)
             attach_snapshot(session, job.id, snapshot.id)
@@ -201,7 +203,8 @@ class Snapshots:
             earlier = repository.with_artifacts(session, lease.scene_id, model)
             if earlier is None:
                 return None
-            register(session, lease.scene_id, made.registered, made.unregistered)
+            last = last_image_number(session, job.id, job.attempt)
+            register(session, lease.scene_id, made.registered, made.unregistered, last)
             attach_snapshot(session, job.id, earlier.id)
             record_milestone(session, job.id, milestone, {"snapshot_id": earlier.id})
             if earlier.id == repository.of_update_before(session, lease.scene_id, job.id):

@@ -11,6 +11,11 @@ def image_key(scene_id: str, sha256: str) -> str:
     return f"{scene_prefix(scene_id)}images/{sha256}"
 
 
+def mask_key(scene_id: str, image_sha256: str, sha256: str) -> str:
+    """The key of an image's mask, by the digests of the bytes of both."""
+    return f"{scene_prefix(scene_id)}masks/{image_sha256}-{sha256}"
+
+
 def artifact_key(scene_id: str, sha256: str) -> str:
     """The key of an artifact, by the digest of its bytes: equal artifacts of a scene are one blob."""
     return f"{scene_prefix(scene_id)}artifacts/{sha256}"

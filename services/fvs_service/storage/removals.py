@@ -207,6 +207,13 @@ def has_row(session: Session, key: str) -> bool:
             found = exists().where(
                 ImageRow.scene_id == scene_id, ImageRow.sha256 == sha256, ImageRow.verdict == "accepted"
             )
+        case ["scenes", scene_id, "masks", digests]:
+            image, _, mask = digests.partition("-")
+            found = exists().where(
+                ImageRow.scene_id == scene_id,
+                ImageRow.sha256 == image,
+                ImageRow.document["mask"].as_string() == f"sha256:{mask}",
+            )
         case ["scenes", scene_id, "artifacts", sha256]:
             found = exists().where(
                 SnapshotArtifactRow.scene_id == scene_id, SnapshotArtifactRow.sha256 == sha256

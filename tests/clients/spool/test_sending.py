@@ -1,6 +1,7 @@
 """Photographs that a spool sends to a gateway."""
 
 import base64
+import hashlib
 import json
 import os
 import threading
@@ -18,6 +19,7 @@ from fvs_client.spool.folder import find_files
 from fvs_client.spool.outbox import FILE_NAME
 from fvs_client.spool.photograph import State
 from fvs_client.spool.taking import take
+from PIL import Image as PillowImage
 
 
 class Field:
@@ -121,6 +123,24 @@ def test_a_refused_photograph_is_kept_and_the_next_goes_on(
     assert "local" in invalid.refusal.reason
     assert sorted(file.name for file in field.folder.glob("*.JPG")) == ["DJI_0000.JPG", "DJI_0001.JPG"]
     assert any("refused" in line for line in field.said)
+
+
+def test_a_mask_follows_its_photograph(field: Field, client: Client) -> None:
+    masks = field.folder / "masks"
+    with PillowImage.open(field.folder / "DJI_0000.JPG") as image:
+        mask = PillowImage.new("L", image.size, 255)
+    mask.putpixel((1, 1), 0)
+    masks.mkdir()
+    mask.save(masks / "DJI_0000.JPG.png")
+    mask.resize((8, 8)).save(masks / "DJI_0001.png")
+    field.take()
+    assert field.drain() == [State.SENT, State.REFUSED, State.SENT], "and masks are no photographs"
+    refusal = field.outbox.all()[1].refusal
+    assert refusal is not None
+    assert "8×8 px" in refusal.reason
+    images = {image.name: image.mask for image in client.scenes.images(field.scene).list()}
+    sent = hashlib.sha256((masks / "DJI_0000.JPG.png").read_bytes()).hexdigest()
+    assert images == {"DJI_0000.JPG": f"sha256:{sent}", "DJI_0001.JPG": None, "DJI_0002.JPG": None}
 
 
 def test_photographs_of_a_scene_that_is_not_there_are_kept(field: Field) -> None:

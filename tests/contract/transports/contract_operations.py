@@ -154,6 +154,11 @@ OPERATIONS: dict[str, Operation] = {
         "/v1/scenes/{scene_id}/images/{digest}:include",
         lambda app, who, call: app.exclusions.include(who, call.scene_id, call.digest),
     ),
+    "RemoveMask": Operation(
+        "DELETE",
+        "/v1/scenes/{scene_id}/images/{digest}/mask",
+        lambda app, who, call: app.masks.remove(who, call.scene_id, call.digest),
+    ),
     "CreateJob": Operation(
         "POST",
         "/v1/scenes/{scene_id}/jobs",

@@ -12,11 +12,13 @@ from fvs_service.host.runner.scene_jobs import SceneJobs
 from fvs_service.ids import new_id
 from fvs_service.images.files import blob_key, notice_of
 from fvs_service.settings import WorkerSettings
+from fvs_service.storage.blob_keys import mask_key
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.clock import now
 from PIL import Image
 
 from fvs_engine.errors import EngineError
+from fvs_engine.images.masks import read_mask
 from fvs_engine.monitor import Monitor
 from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.images import Image as SceneImage
@@ -63,6 +65,22 @@ def store(tmp_path: Path) -> Callable[..., SceneImage]:
         )
 
     return make
+
+
+def test_masks_lie_beside_their_images(tmp_path: Path, store: Callable[..., SceneImage]) -> None:
+    blobs, folder = Blobs(tmp_path / "blobs"), tmp_path / "scene" / "images"
+    counts = np.tile(np.arange(64) < 20, (48, 1))
+    out = io.BytesIO()
+    Image.fromarray(counts).save(out, "PNG")
+    mask = f"sha256:{5:064x}"
+    masked = store(1, exif={_ORIENTATION: 6}).model_copy(update={"mask": mask})
+    blobs.put(out.getvalue(), mask_key("scn", masked.sha256, mask.removeprefix("sha256:")))
+    placed = prepare_images(blobs, [masked, store(2)], folder, Monitor()).files
+    assert [read_mask(folder, name) is not None for name in sorted(placed)] == [True, False]
+    np.testing.assert_array_equal(read_mask(folder, min(placed)), np.rot90(counts, -1))
+    discard_images(folder, [max(placed)])
+    assert [path.name for path in folder.iterdir()] == [max(placed)]
+    assert not list((tmp_path / "scene" / "masks").iterdir())
 
 
 def test_photographs_are_upright_files_in_the_order_of_arrival(

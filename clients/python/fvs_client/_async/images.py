@@ -31,10 +31,11 @@ class AsyncSceneImages:
     ) -> UploadReport:
         """Upload image files, and folders with all images in them, ``parallel`` of them at a time.
 
-        Images that the scene has are not sent, so that repeating an interrupted upload resumes it. A file
-        that fails is in the report and does not stop the others. ``describe`` returns metadata of a file (a
-        position, a name). ``on_progress`` is called by one thread at a time: of ``Client`` by its upload
-        threads, of ``AsyncClient`` by the event loop's.
+        Images that the scene has are not sent, so that repeating an interrupted upload resumes it. An image's
+        mask is sent after it (see ``image_files.mask_of``). A file that fails is in the report and does not
+        stop the others. ``describe`` returns metadata of a file (a position, a name). ``on_progress`` is
+        called by one thread at a time: of ``Client`` by its upload threads, of ``AsyncClient`` by the event
+        loop's.
         """
         return await uploading.upload(
             self._session,
@@ -50,6 +51,14 @@ class AsyncSceneImages:
         digest = f"sha256:{hashlib.sha256(content).hexdigest()}"
         request = requests.put_image(self._scene_id, digest, content, metadata)
         return await self._session.fetch(Image, request)
+
+    async def set_mask(self, digest: str, mask: bytes) -> Image:
+        """Give an image a mask, a PNG of its size in which black is left out; the next update uses it."""
+        return await self._session.fetch(Image, requests.set_mask(self._scene_id, digest, mask))
+
+    async def remove_mask(self, digest: str) -> Image:
+        """Take the mask of an image away."""
+        return await self._session.fetch(Image, requests.remove_mask(self._scene_id, digest))
 
     async def check(self, digests: Iterable[str]) -> DigestAnswer:
         """Check which of these digests (``sha256:…``) the scene has."""

@@ -98,9 +98,13 @@ class _Uploader:
             known += [to_send.pop(digest) for digest in answer.known if digest in to_send]
         sent = await map_concurrently(self._send, to_send.values(), self._parallel)
         failed = {file.digest: file for file in sent if file.outcome is Outcome.FAILED}
+        unmasked = [item for item in known if item.digest not in failed and item.file.mask is not None]
+        refused = dict(
+            zip(unmasked, await map_concurrently(self._mask, unmasked, self._parallel), strict=True)
+        )
         for item in known:
             twin = failed.get(item.digest)  # the same content under another name
-            outcome = UploadedFile(item.path, Outcome.ALREADY_THERE, item.digest)
+            outcome = refused.get(item) or UploadedFile(item.path, Outcome.ALREADY_THERE, item.digest)
             self._finish(outcome if twin is None else replace(twin, path=item.path), item.size_bytes)
 
     async def report(self, files: Sequence[ImageFile]) -> UploadReport:
@@ -127,7 +131,22 @@ class _Uploader:
             raise
         except (FvsError, OSError) as error:
             return self._finish(UploadedFile(item.path, Outcome.FAILED, item.digest, error=error))
-        return self._finish(UploadedFile(item.path, Outcome.SENT, item.digest, parse(Image, content)))
+        image = parse(Image, content)
+        refused = await self._mask(item) if image.accepted else None
+        return self._finish(refused or UploadedFile(item.path, Outcome.SENT, item.digest, image))
+
+    async def _mask(self, item: HashedFile) -> UploadedFile | None:
+        """Send the mask of an image that the scene has, if it has one; the failed file where that fails."""
+        if item.file.mask is None:
+            return None
+        try:
+            mask = await run_blocking(item.file.mask.read_bytes)
+            await self._session.content(requests.set_mask(self._scene_id, item.digest, mask))
+        except (UnauthenticatedError, ForbiddenError):
+            raise
+        except (FvsError, OSError) as error:
+            return UploadedFile(item.path, Outcome.FAILED, item.digest, error=error)
+        return None
 
     def _finish(self, file: UploadedFile, unsent_bytes: int = 0) -> UploadedFile:
         self._done[file.path] = file

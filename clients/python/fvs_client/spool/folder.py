@@ -6,7 +6,7 @@ from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fvs_client.image_files import SUFFIXES, UNREADABLE_SUFFIXES, scene_name
+from fvs_client.image_files import MASKS, SUFFIXES, UNREADABLE_SUFFIXES, scene_name
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,7 +35,10 @@ class FoundFile:
 
 
 def find_files(folder: Path) -> list[FoundFile]:
-    """The image files in and below a folder, except hidden ones, in their order. Raises as ``each_file``."""
+    """The image files in and below a folder, except hidden ones and masks, in their order.
+
+    Raises as ``each_file``.
+    """
     return sorted(each_file(folder), key=order_of)
 
 
@@ -79,6 +82,8 @@ def _below(
                 continue
             try:
                 if entry.is_dir(follow_symlinks=False):
+                    if entry.name == MASKS:
+                        continue
                     yield from _below(entry.path, (*parts, entry.name), skipped)
                 elif _is_wanted(entry.path) and entry.is_file():
                     yield _found(entry, (*parts, entry.name), sidecars)

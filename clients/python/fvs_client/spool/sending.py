@@ -4,8 +4,10 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
+from pathlib import Path
 from typing import Any
 
+from fvs_client.image_files import mask_of
 from fvs_client.spool.answers import DAMAGED, RefusedError, require_success
 from fvs_client.spool.connection import Connection, UnreadableFileError
 from fvs_client.spool.errors import LinkError
@@ -14,7 +16,8 @@ from fvs_client.spool.photograph import Photograph, Refusal
 from fvs_client.spool.resumable import ResumableCarrier
 from fvs_client.spool.taking import digest_of
 
-_USABLE = frozenset({"accepted", "duplicate"})
+_ACCEPTED = "accepted"
+_USABLE = frozenset({_ACCEPTED, "duplicate"})
 _INVALID = "invalid-request"
 _CORRECT = "Correct its metadata, in its sidecar if it has one: then it is sent."
 
@@ -42,6 +45,8 @@ class Sender:
         number = photograph.number
         try:
             found = self._sent(photograph)
+            if found.verdict == _ACCEPTED:
+                found = replace(found, refusal=self._refusal_of_mask(photograph))
         except RefusedError as error:
             refusal = error.refusal
             if refusal.code == _INVALID and photograph.metadata:
@@ -93,6 +98,20 @@ class Sender:
             self._outbox.forget_upload(photograph.number)
             raise LinkError("The service has all bytes and does not have the image.", answered=True)
         return found
+
+    def _refusal_of_mask(self, photograph: Photograph) -> Refusal | None:
+        """Send the mask of an image that the scene has, if there is one; why the service will not take it."""
+        mask = mask_of(photograph.path.parent, Path(photograph.path.name))
+        if mask is None:
+            return None
+        path = f"/v1/scenes/{photograph.scene}/images/sha256:{photograph.digest}/mask"
+        try:
+            require_success(
+                self._connection.ask("PUT", path, {"Content-Type": "image/png"}, mask.read_bytes())
+            )
+        except RefusedError as error:
+            return error.refusal
+        return None
 
     def _acknowledgement(self, photograph: Photograph) -> Acknowledgement | None:
         """Request the verdict on a digest; None when the scene does not have it."""

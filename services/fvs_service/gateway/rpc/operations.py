@@ -58,8 +58,10 @@ def snake(name: str) -> str:
 
 
 def has_body(method: MethodDescriptor) -> bool:
-    """Whether requests carry a model, or a stream, and not only ids and numbers: over REST, a body."""
-    return method.client_streaming or any(field.message_type for field in method.input_type.fields)
+    """Whether requests carry a model, a file or a stream, and not only ids and numbers: over REST, a body."""
+    return method.client_streaming or any(
+        field.message_type or field.type == field.TYPE_BYTES for field in method.input_type.fields
+    )
 
 
 class _Operation:

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fvs_engine.images.catalog import catalog_images
+from fvs_engine.images.names import MASKS
 from fvs_engine.images.normalise import normalise_images
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.stages import fresh_folder
@@ -64,6 +65,7 @@ def discard_images(folder: Path, kept: Collection[str]) -> None:
     for name in _present(folder).values():
         if name not in kept:
             (folder / name).unlink(missing_ok=True)
+            (folder.with_name(MASKS) / f"{name}.png").unlink(missing_ok=True)
 
 
 def _present(folder: Path) -> dict[str, str]:

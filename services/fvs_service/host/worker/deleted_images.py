@@ -14,6 +14,7 @@ from sqlalchemy.orm import Session
 
 from fvs_engine.errors import OutputExistsError, StorageError
 from fvs_engine.files.lock import locked_folder
+from fvs_engine.images.names import MASKS
 from fvs_schema.events import EventKind
 from fvs_service.application import Storage
 from fvs_service.events.repository import last_number
@@ -110,7 +111,7 @@ def _with_deletions_after(session: Session, number: int) -> set[str]:
 
 def _remove_all_but(kept: frozenset[str], folder: Path) -> int:
     """Remove all other copies of images; returns the number of those that were complete."""
-    gone = [file for file in _copies(kept, folder) if file.parent.name == IMAGES]
+    gone = [file for file in _copies(kept, folder) if file.parent.name in (IMAGES, MASKS)]
     for part in (ARRIVALS, READY):  # left by a runner that was killed: no job writes there now
         shutil.rmtree(folder / part, ignore_errors=True)
     for file in gone:
@@ -120,7 +121,7 @@ def _remove_all_but(kept: frozenset[str], folder: Path) -> int:
 
 def _copies(kept: frozenset[str], folder: Path) -> Iterator[Path]:
     """The copies of images that are not ``kept``, and what is on its way to be one."""
-    for part in (ARRIVALS, READY, IMAGES):
+    for part in (ARRIVALS, READY, IMAGES, MASKS):
         for file in (folder / part).iterdir() if (folder / part).is_dir() else ():
-            if part != IMAGES or file.name.partition(".")[0] not in kept:
+            if part in (ARRIVALS, READY) or file.name.partition(".")[0] not in kept:
                 yield file
