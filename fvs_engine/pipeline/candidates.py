@@ -203,7 +203,8 @@ def _from_transforms(
     shared = match_names(frames, known).found
     if len(shared) < _MIN_SHARED_VIEWS:
         raise InvalidInputError(
-            f"{path} shares {len(shared)} views with the model; {_MIN_SHARED_VIEWS} are needed to align it.",
+            f"{path} shares {len(shared)} of its views with the model; to align it, "
+            f"{_MIN_SHARED_VIEWS} are needed.",
             hint="Give a transforms.json that lists the photographs of the model too.",
             path=path,
         )

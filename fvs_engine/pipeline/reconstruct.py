@@ -143,8 +143,9 @@ def _require_photographs(catalog: ImageCatalog) -> None:
     else:
         message = f"{catalog.folder} holds no usable photograph."
     if catalog.rejected:
-        first = catalog.rejected[0]
-        message += f" {len(catalog.rejected)} files were left out; {first.name}: {first.reason}"
+        first, *others = catalog.rejected
+        message += f" Left out: {first.name}: {first.reason}"
+        message += f" And {len(others)} more." if others else ""
     raise NoImagesError(
         message, hint="Give at least two photographs of the same scene that overlap; ten or more work well."
     )

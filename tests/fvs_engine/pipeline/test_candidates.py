@@ -208,7 +208,7 @@ def test_a_transforms_json_of_another_scene_is_refused(
 ) -> None:
     frames = [{"file_path": f"other{i}.png", "transform_matrix": np.eye(4).tolist()} for i in range(4)]
     document = {"w": 64, "h": 48, "fl_x": 60.0, "fl_y": 60.0, "cx": 32.0, "cy": 24.0, "frames": frames}
-    with pytest.raises(InvalidInputError, match="shares 0 views"):
+    with pytest.raises(InvalidInputError, match="shares 0 of its views"):
         _read(tmp_path, document, views)
 
 
