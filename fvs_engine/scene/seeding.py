@@ -10,7 +10,7 @@ from fvs_engine.sfm.growing.two_view_points import TwoViewPoints
 from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.initialise import initialise_from_points, point_spacing
-from fvs_engine.splat.views import TrainingView, scene_extent
+from fvs_engine.splat.views import TrainingView, points_that_count, scene_extent
 
 Array = NDArray[np.float64]
 
@@ -45,9 +45,11 @@ class Seeds:
 def initial_seeds(points: PointCloud, views: Sequence[TrainingView], room: int, seed: int) -> Seeds:
     """The seeds of a new model of ``views``: their sparse ``points``, with guesses when those are few.
 
-    At most ``room``. They depend neither on the points' order nor on the views'.
+    At most ``room``, and none that masked pixels alone show. They depend neither on the points' order nor on
+    the views'.
     """
-    seeds = seeds_on_points(points, room)
+    counts = points_that_count(points.xyz, views)
+    seeds = seeds_on_points(PointCloud(points.xyz[counts], points.colors[counts]), room)
     if len(seeds) >= MIN_POINTS:
         return seeds
     ordered = sorted(views, key=lambda view: view.name)

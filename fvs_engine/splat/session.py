@@ -13,7 +13,7 @@ from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.settings import TrainingSettings
 from fvs_engine.splat.trainer import Trainer
-from fvs_engine.splat.views import TrainingView
+from fvs_engine.splat.views import TrainingView, points_that_count
 from fvs_schema.stages import Stage
 
 SAVE_EVERY_S = 60.0
@@ -29,11 +29,14 @@ def open_trainer(
 ) -> Trainer:
     """Resume the trainer of ``checkpoint``, or create one with Gaussians on ``points`` and of their colours.
 
+    None is on a point that masked pixels alone show.
     A resumed trainer uses ``settings``: the same ones give the same result, more iterations the schedule of
     the longer run. Raises what ``Trainer`` and ``Trainer.resume`` raise.
     """
     if not checkpoint.exists():
-        gaussians = initialise_from_points(*points, settings.sh_degree)
+        xyz, colors = points
+        counts = points_that_count(xyz, views)
+        gaussians = initialise_from_points(xyz[counts], colors[counts], settings.sh_degree)
         return Trainer(views, gaussians, settings, rasterizer, seed)
     trainer = Trainer.resume(checkpoint, views, rasterizer)
     trainer.settings = settings

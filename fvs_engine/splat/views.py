@@ -55,6 +55,22 @@ class TrainingView(View[PinholeCamera]):
         return self.mask is not None and not self.mask.any()
 
 
+def points_that_count(points: NDArray[np.float64], views: Sequence[TrainingView]) -> Mask:
+    """Which of the points [P, 3] are not shown by masked pixels alone: a bool [P]."""
+    masked, counts = np.zeros(len(points), dtype=bool), np.zeros(len(points), dtype=bool)
+    for view in views if any(view.mask is not None for view in views) else ():
+        in_camera = view.camera_from_model.apply(points)
+        with np.errstate(divide="ignore", invalid="ignore"):
+            pixels = view.camera.project(in_camera)
+        size = (view.camera.width, view.camera.height)
+        shown = (in_camera[:, 2] > 0) & ((pixels >= 0) & (pixels < size)).all(axis=1)
+        column, row = pixels[shown].astype(np.int64).T
+        here = np.ones(len(row), dtype=bool) if view.mask is None else view.mask[row, column]
+        counts[shown] |= here
+        masked[shown] |= ~here
+    return counts | ~masked
+
+
 def scene_extent(views: Sequence[TrainingView], points: NDArray[np.float32]) -> float:
     """The length that learning rates and size limits are proportional to: the spread of the cameras.
 

@@ -92,3 +92,17 @@ def test_guesses_are_where_photographs_count() -> None:
     first = seeds.points.xyz[seeds.points.colors[:, 0] == 10]
     pixels = whole[0].camera.project(whole[0].camera_from_model.apply(first))
     assert pixels[:, 0].max() < 10
+
+
+def test_points_that_only_masked_pixels_show_are_no_starts() -> None:
+    first, second = view("a", [5.0, 0, 0], 10), view("b", [0, 5.0, 0], 200)
+    points = cloud(np.array([[0.0, 0, 0.5], [0, 0, -0.5], [0, 0, 90]]))
+    upper = np.tile(np.arange(30)[:, None] < 15, (1, 40))
+    for views, kept in (
+        ([first, second], [0.5, -0.5, 90]),
+        ([replace(first, mask=upper), second], [0.5, -0.5, 90]),
+        ([replace(first, mask=upper), replace(second, mask=upper)], [0.5, 90]),
+    ):
+        seeds = initial_seeds(points, views, 10_000, seed=0).points.xyz
+        assert [z in seeds[:3, 2] for z in kept] == [True] * len(kept)
+        assert (-0.5 in seeds[:3, 2]) == (-0.5 in kept)

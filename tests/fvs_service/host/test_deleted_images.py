@@ -66,12 +66,17 @@ def test_copies_of_deleted_images_go_and_those_of_others_stay(
     names = "arrivals/000001-left-by-a-kill.jpg", "ready/000001-left-by-a-kill.png"
     folder, others = folder_with_copies(gateway, scene, *names), folder_with_copies(gateway, other)
     before = left(others)
+    (folder / "masks").mkdir()
+    for image in list((folder / "images").iterdir())[:3]:
+        (folder / "masks" / f"{image.name}.png").write_bytes(b"a mask")
     sweep = DeletedImages(gateway.application.storage, scenes.without_jobs)
     sweep.remove()
-    assert [name[:13] for name in left(folder)] == ["images/000001", "images/000002", "images/000003"]
+    images = ["images/000001", "images/000002", "images/000003"]
+    masks = ["masks/000001-", "masks/000002-", "masks/000003-"]
+    assert [name[:13] for name in left(folder)] == images + masks
     delete(gateway, scene, 2)
     sweep.remove()
-    assert [name[:13] for name in left(folder)] == ["images/000001", "images/000003"]
+    assert [name[:13] for name in left(folder)] == images[::2] + masks[::2]
     assert left(others) == before
 
 
