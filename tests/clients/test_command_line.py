@@ -13,6 +13,7 @@ from fvs_client import Client
 from fvs_client.cli.error_exit_codes import exit_code_of
 from fvs_client.cli.progress import ranking_progress
 from fvs_client.errors import ApiError, ConnectionFailedError, FvsError
+from PIL import Image
 from typer.testing import Result
 
 from fvs_schema.rankings import ScoredCandidate
@@ -345,7 +346,13 @@ def test_what_is_known_of_the_camera_goes_along(run: Run, client: Client, tmp_pa
 
 def test_images_are_listed_with_what_became_of_them(run: Run, scene_id: str, photographs: Path) -> None:
     (photographs / "broken.jpg").write_bytes(b"no photograph")
+    with Image.open(photographs / "a.JPG") as image:
+        mask = Image.new("1", image.size, 1)
+    mask.putpixel((0, 0), 0)
+    (photographs / "masks").mkdir()
+    mask.save(photographs / "masks" / "a.png")
     run("upload", scene_id, str(photographs), expect=10)
+    assert run("images", scene_id).stdout.count("masked") == 1
     listed = json.loads(run("images", scene_id, "--json").stdout)
     assert sorted(image["name"] for image in listed) == ["a.JPG", "b.jpg", "broken.jpg", "left_c.png"]
     assert "unreadable" in run("images", scene_id, "--problems").stdout

@@ -99,12 +99,9 @@ class _Uploader:
             known += [to_send.pop(digest) for digest in answer.known if digest in to_send]
         sent = map_concurrently(self._send, to_send.values(), self._parallel)
         failed = {file.digest: file for file in sent if file.outcome is Outcome.FAILED}
-        unmasked = [item for item in known if item.digest not in failed and item.file.mask is not None]
-        refused = dict(zip(unmasked, map_concurrently(self._mask, unmasked, self._parallel), strict=True))
-        for item in known:
+        for item, there in zip(known, map_concurrently(self._known, known, self._parallel), strict=True):
             twin = failed.get(item.digest)  # the same content under another name
-            outcome = refused.get(item) or UploadedFile(item.path, Outcome.ALREADY_THERE, item.digest)
-            self._finish(outcome if twin is None else replace(twin, path=item.path), item.size_bytes)
+            self._finish(there if twin is None else replace(twin, path=item.path), item.size_bytes)
 
     def report(self, files: Sequence[ImageFile]) -> UploadReport:
         """The outcomes of ``files``, with the verdicts of images that the scene had already."""
@@ -130,22 +127,24 @@ class _Uploader:
             raise
         except (FvsError, OSError) as error:
             return self._finish(UploadedFile(item.path, Outcome.FAILED, item.digest, error=error))
-        image = parse(Image, content)
-        refused = self._mask(item) if image.accepted else None
-        return self._finish(refused or UploadedFile(item.path, Outcome.SENT, item.digest, image))
+        sent = UploadedFile(item.path, Outcome.SENT, item.digest, parse(Image, content))
+        return self._finish(self._masked(item, sent) if sent.usable else sent)
 
-    def _mask(self, item: HashedFile) -> UploadedFile | None:
-        """Send the mask of an image that the scene has, if it has one; the failed file where that fails."""
+    def _known(self, item: HashedFile) -> UploadedFile:
+        return self._masked(item, UploadedFile(item.path, Outcome.ALREADY_THERE, item.digest))
+
+    def _masked(self, item: HashedFile, there: UploadedFile) -> UploadedFile:
+        """Send the mask of an image that the scene has, if there is one; the file afterwards."""
         if item.file.mask is None:
-            return None
+            return there
         try:
             mask = run_blocking(item.file.mask.read_bytes)
-            self._session.content(requests.set_mask(self._scene_id, item.digest, mask))
+            request = requests.set_mask(self._scene_id, item.digest, mask)
+            return replace(there, image=self._session.fetch(Image, request))
         except (UnauthenticatedError, ForbiddenError):
             raise
         except (FvsError, OSError) as error:
-            return UploadedFile(item.path, Outcome.FAILED, item.digest, error=error)
-        return None
+            return replace(there, outcome=Outcome.FAILED, error=error)
 
     def _finish(self, file: UploadedFile, unsent_bytes: int = 0) -> UploadedFile:
         self._done[file.path] = file

@@ -171,7 +171,8 @@ def _named(listed: list[Image], wanted: list[str]) -> list[Image]:
 
 
 def _remarks(image: Image) -> str:
-    return " ".join(part for part in (image.reason, image.hint, ", ".join(image.warnings)) if part)
+    notes = (*image.warnings, *(() if image.mask is None else ("masked",)))
+    return " ".join(part for part in (image.reason, image.hint, ", ".join(notes)) if part)
 
 
 def _summary(report: UploadReport) -> str:
