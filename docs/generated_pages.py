@@ -25,6 +25,7 @@ ENGINE_PACKAGES = (
     "score",
     "plan",
     "splat",
+    "control",
     "export",
     "scene",
     "sfm",

@@ -321,6 +321,34 @@ WORDING: Mapping[FindingCode, tuple[str, str]] = {
         "None of the planned views shows anything of the model.",
         "Give candidates that look at the model, and check that they are in the frame of the scene.",
     ),
+    FindingCode.CONTROL_POINT_OFF: (
+        "Control point {point} is {distance_m:.3g} m from where the others put it, and is not used.",
+        "Check its coordinates and its name.",
+    ),
+    FindingCode.CONTROL_POINTS_SWAPPED: (
+        "The points {first} and {second} are swapped: each is where the other should be. They are not used.",
+        "Swap their names or their coordinates.",
+    ),
+    FindingCode.CONTROL_POINT_SEEN_ONCE: (
+        "Point {point} is not measured: fewer than two registered images have a mark of it.",
+        "Mark it in two photographs or more that look at it from different sides.",
+    ),
+    FindingCode.CONTROL_POINT_WITHOUT_PARALLAX: (
+        "Point {point} is not measured: its marks see it from the same direction.",
+        "Mark it in photographs that look at it from different sides.",
+    ),
+    FindingCode.CONTROL_MARKS_DISAGREE: (
+        "Point {point} is not measured: its marks contradict one another.",
+        "Check them. They are in px of the file as it is stored, from its top left corner.",
+    ),
+    FindingCode.CONTROL_MARK_OFF: (
+        "The marks of point {point} in {images} contradict the others, and are not used.",
+        "Check them. They are in px of the file as it is stored, from its top left corner.",
+    ),
+    FindingCode.MARKED_IMAGES_UNKNOWN: (
+        "{count} marked images are not there: {images}. Their marks are not used.",
+        "Check their names.",
+    ),
 }
 """Code → the sentence and the hint, as format strings.
 

@@ -13,6 +13,7 @@ import typer
 from fvs_client.cli.command_group import Program
 
 from fvs_engine.choices import CameraModel, Quality, RankingMethod, ViewGroup
+from fvs_engine.cli.align import align
 from fvs_engine.cli.evaluate import evaluate
 from fvs_engine.cli.export import export
 from fvs_engine.cli.option_groups import with_option_groups
@@ -319,6 +320,7 @@ def info(folder: _Folder, as_json: JsonOption = False) -> None:
 
 
 app.command()(plan)
+app.command()(align)
 app.command()(export)
 app.command()(select)
 app.command()(simulate)

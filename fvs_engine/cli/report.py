@@ -15,6 +15,7 @@ from rich.text import Text
 if TYPE_CHECKING:
     from fvs_engine.lab.evaluate.report import AnyRow, Summary
     from fvs_engine.lab.evaluate.statistics import Estimate
+    from fvs_engine.pipeline.control import ControlRecord
     from fvs_engine.pipeline.info import FolderInfo
     from fvs_engine.pipeline.plan import PlanResult
     from fvs_engine.pipeline.rank import RankingResult
@@ -191,6 +192,36 @@ def _estimate(estimate: "Estimate | None", decimals: int) -> str:
         return ""
     mean = f"{estimate.mean:.{decimals}f}"
     return mean if estimate.half_width is None else f"{mean} ± {estimate.half_width:.{decimals}f}"
+
+
+def show_control(record: "ControlRecord", file: Path, *, machine: bool) -> None:
+    """Print the residual of every control and check point, and where the file is."""
+    if machine:
+        with _stdout() as stdout:
+            stdout.write(record.model_dump_json() + "\n")
+        return
+    table = Table(
+        *("point", "status", "east mm", "north mm", "up mm", "off mm", "marks", "px"),
+        box=None,
+        header_style="bold",
+    )
+    for column in range(2, 8):
+        table.columns[column].justify = "right"
+    for point in record.residuals.points:
+        lengths = (point.east_m, point.north_m, point.up_m, point.distance_m)
+        table.add_row(
+            Text(point.name),
+            point.status.value,
+            *("" if length is None else f"{1e3 * length:,.1f}" for length in lengths),
+            f"{point.marks - len(point.wrong_marks)} of {point.marks}",
+            "" if point.reprojection_px is None else f"{point.reprojection_px:.2f}",
+        )
+    check_m = record.residuals.check_rms_m
+    checks = "" if check_m is None else f", of the check points {1e3 * check_m:,.1f} mm"
+    with _stdout() as stdout:
+        _console(stdout).print(table)
+        stdout.write(f"RMS of the control points {1e3 * record.residuals.control_rms_m:,.1f} mm{checks}\n")
+    show_files([file], machine=False)
 
 
 def show_files(paths: Sequence[Path], *, machine: bool) -> None:

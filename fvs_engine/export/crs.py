@@ -10,6 +10,7 @@ from pyproj import CRS, Proj, Transformer
 from pyproj.exceptions import CRSError, ProjError
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry.crs import outside_area
 from fvs_engine.geometry.geodetic import GeodeticPosition
 from fvs_schema.scenes import AltitudeDatum
 
@@ -19,8 +20,6 @@ _WGS_84 = 4326
 _MSL_HEIGHT = 5714
 _UTM_LATITUDES_DEG = (-80.0, 84.0)
 _UPS_SOUTH, _UPS_NORTH = 5042, 5041
-_MARGIN_DEG = 3.0
-"""How far outside a CRS's area of use a scene may be: half a UTM zone, since flights cross their edges."""
 _ELLIPSOID_WKT = (
     'VERT_CS["Ellipsoid (metre)",VERT_DATUM["Ellipsoid",2002],UNIT["metre",1,AUTHORITY["EPSG","9001"]],'
     'AXIS["Ellipsoidal height",UP]]'
@@ -85,18 +84,12 @@ class ProjectedCrs:
 
     def require_covers(self, position: GeodeticPosition) -> None:
         """Raise ``InvalidInputError`` when a position is far outside the area of use."""
-        area = self._crs.area_of_use
+        area = outside_area(self._crs, position)
         if area is None:
-            return
-        # Areas across the antimeridian have their west east of their east.
-        width = (area.east - area.west) % 360.0 or 360.0
-        inside = (position.longitude_deg - area.west + _MARGIN_DEG) % 360.0 <= width + 2.0 * _MARGIN_DEG
-        lower, upper = area.south - _MARGIN_DEG, area.north + _MARGIN_DEG
-        if inside and lower <= position.latitude_deg <= upper:
             return
         raise InvalidInputError(
             f"EPSG:{self.epsg} ({self.name}) is not for {position.latitude_deg:.4f}, "
-            f"{position.longitude_deg:.4f}: its area is {area.name.rstrip('.')}.",
+            f"{position.longitude_deg:.4f}: its area is {area}.",
             hint=f"Give the code of a CRS for that place, or none: that is EPSG:{self.at(position).epsg}.",
         )
 

@@ -220,6 +220,24 @@ def _tiff_tags(image: Image.Image) -> Mapping[int, Any]:
     return image.tag_v2 if isinstance(image, TiffImagePlugin.TiffImageFile) else {}
 
 
+def upright_pixel(
+    pixel: NDArray[np.float64], stored_size: tuple[int, int], orientation: int
+) -> NDArray[np.float64]:
+    """Where a point [2] of the stored image of ``stored_size`` (width, height) is in the upright one."""
+    (x, y), (width, height) = pixel, stored_size
+    right, down = width - x, height - y
+    turned = {
+        2: (right, y),
+        3: (right, down),
+        4: (x, down),
+        5: (y, x),
+        6: (down, x),
+        7: (down, right),
+        8: (y, right),
+    }
+    return np.array(turned.get(orientation, (x, y)))
+
+
 def _orientation(exif: Image.Exif) -> int:
     found = exif.get(_ORIENTATION_TAG, 1)
     return found if found in _TRANSPOSITIONS else 1

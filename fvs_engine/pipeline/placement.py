@@ -12,19 +12,26 @@ from fvs_engine.geometry.alignment.positions import GPS_ACCURACY_M
 from fvs_engine.geometry.alignment.world import georeference
 from fvs_engine.geometry.geodetic import GeodeticPosition, enu_from_geodetic, middle_position
 from fvs_engine.images.metadata import PhotographPriors, read_priors
+from fvs_engine.pipeline.control import read_control
 from fvs_engine.pipeline.model import FolderModel
 from fvs_schema.scenes import Alignment, AlignmentStatus, AltitudeDatum, Origin
 
-_MODEL_FRAME = "Export it in the model frame, or reconstruct photographs that have GPS positions."
+_MODEL_FRAME = (
+    "Export it in the model frame, reconstruct photographs that have GPS positions, or give control points "
+    "with `fvs align`."
+)
 
 
 def place(model: FolderModel) -> Placement:
-    """Align the model with the GPS positions of its photographs, whose middle is the origin.
+    """Where control points put the model, or else the GPS positions of its photographs, from their middle.
 
-    Altitudes are above sea level, as EXIF has them. Raises ``InvalidInputError`` when there are too few
-    positions, or they contradict the model.
+    Altitudes of GPS are above sea level, as EXIF has them. Raises ``InvalidInputError`` when there are too
+    few positions, or they contradict the model.
     """
     root = model.workspace.root
+    control = read_control(model.workspace)
+    if control is not None:
+        return Placement(control.origin, control.alignment)
     if not model.manifest.settings.gps:
         raise InvalidInputError(
             f"{root} was reconstructed without the positions of its photographs.",

@@ -12,6 +12,7 @@ metrics.json                   quality on held-out views, and what the training 
 renders/                       held-out views as the model renders them
 ranking/                       ranking.json and contact_sheet.png of the last `fvs rank`
 plan/                          plan.json and plan.png of the last `fvs plan`
+control.json                   the alignment of the last `fvs align`, and the residual of every point
 export/                        files of the last `fvs export` for other programs
 """
 
@@ -42,6 +43,7 @@ _OWN_ENTRIES = frozenset(
         "renders",
         "ranking",
         "plan",
+        "control.json",
         "export",
         ".lock",
     }
@@ -116,6 +118,11 @@ class Workspace:
     def plan(self) -> Path:
         """The last plan."""
         return self.root / "plan"
+
+    @property
+    def control(self) -> Path:
+        """The alignment by control points."""
+        return self.root / "control.json"
 
     @property
     def export(self) -> Path:

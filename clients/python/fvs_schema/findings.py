@@ -105,6 +105,13 @@ class FindingCode(Word):
     UNREACHABLE = "unreachable"
     SAME_POSE = "same-pose"
     NOTHING_IN_VIEW = "nothing-in-view"
+    CONTROL_POINT_OFF = "control-point-off"
+    CONTROL_POINTS_SWAPPED = "control-points-swapped"
+    CONTROL_POINT_SEEN_ONCE = "control-point-seen-once"
+    CONTROL_POINT_WITHOUT_PARALLAX = "control-point-without-parallax"
+    CONTROL_MARKS_DISAGREE = "control-marks-disagree"
+    CONTROL_MARK_OFF = "control-mark-off"
+    MARKED_IMAGES_UNKNOWN = "marked-images-unknown"
 
 
 class Finding(Output):

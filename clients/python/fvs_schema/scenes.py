@@ -210,11 +210,22 @@ class AlignmentStatus(Word):
     """Aligned, but the cameras lie on a line, so the rotation about it is uncertain."""
 
 
+class AlignmentSource(Word):
+    """What the alignment with the world frame is from."""
+
+    POSITIONS = "positions"
+    """The position priors of the images, as GPS gives them."""
+    CONTROL_POINTS = "control-points"
+    """Surveyed points that are marked in the images."""
+
+
 class Alignment(Output):
     """The similarity world_from_model, and how well it fits."""
 
     status: AlignmentStatus = AlignmentStatus.MODEL
     """Whether there is an alignment, and whether it can be relied on."""
+    source: AlignmentSource = AlignmentSource.POSITIONS
+    """What it is from."""
     scale: PositiveNumber = 1.0
     """World units (metres when aligned) per model unit."""
     rotation_wxyz: Quaternion = (1.0, 0.0, 0.0, 0.0)
@@ -222,11 +233,12 @@ class Alignment(Output):
     translation: Triple = (0.0, 0.0, 0.0)
     """Where the model's origin is in the world frame."""
     rms_m: Number | None = None
-    """The root mean square of the distances between positions and their priors; null when not aligned."""
+    """The root mean square of the distances between positions and their priors, or of control points from
+    where they were surveyed; null when not aligned."""
     inliers: Count = 0
-    """The number of images whose position prior fits."""
+    """The number of images whose position prior fits, or of control points that fit."""
     positions: Count = 0
-    """The number of registered images with a position prior."""
+    """The number of registered images with a position prior, or of control points."""
 
 
 class ImageCounts(Output):

@@ -27,6 +27,12 @@ class AlignmentStatus(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     ALIGNMENT_STATUS_MODEL: _ClassVar[AlignmentStatus]
     ALIGNMENT_STATUS_ALIGNED: _ClassVar[AlignmentStatus]
     ALIGNMENT_STATUS_ILL_CONDITIONED: _ClassVar[AlignmentStatus]
+
+class AlignmentSource(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    ALIGNMENT_SOURCE_UNSPECIFIED: _ClassVar[AlignmentSource]
+    ALIGNMENT_SOURCE_POSITIONS: _ClassVar[AlignmentSource]
+    ALIGNMENT_SOURCE_CONTROL_POINTS: _ClassVar[AlignmentSource]
 ALTITUDE_DATUM_UNSPECIFIED: AltitudeDatum
 ALTITUDE_DATUM_ELLIPSOID: AltitudeDatum
 ALTITUDE_DATUM_SEA_LEVEL: AltitudeDatum
@@ -39,6 +45,9 @@ ALIGNMENT_STATUS_UNSPECIFIED: AlignmentStatus
 ALIGNMENT_STATUS_MODEL: AlignmentStatus
 ALIGNMENT_STATUS_ALIGNED: AlignmentStatus
 ALIGNMENT_STATUS_ILL_CONDITIONED: AlignmentStatus
+ALIGNMENT_SOURCE_UNSPECIFIED: AlignmentSource
+ALIGNMENT_SOURCE_POSITIONS: AlignmentSource
+ALIGNMENT_SOURCE_CONTROL_POINTS: AlignmentSource
 
 class FramePose(_message.Message):
     __slots__ = ("frame", "position", "orientation_wxyz")
@@ -89,7 +98,7 @@ class Origin(_message.Message):
     def __init__(self, latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[AltitudeDatum, str]] = ...) -> None: ...
 
 class Alignment(_message.Message):
-    __slots__ = ("status", "scale", "rotation_wxyz", "translation", "rms_m", "inliers", "positions")
+    __slots__ = ("status", "scale", "rotation_wxyz", "translation", "rms_m", "inliers", "positions", "source")
     STATUS_FIELD_NUMBER: _ClassVar[int]
     SCALE_FIELD_NUMBER: _ClassVar[int]
     ROTATION_WXYZ_FIELD_NUMBER: _ClassVar[int]
@@ -97,6 +106,7 @@ class Alignment(_message.Message):
     RMS_M_FIELD_NUMBER: _ClassVar[int]
     INLIERS_FIELD_NUMBER: _ClassVar[int]
     POSITIONS_FIELD_NUMBER: _ClassVar[int]
+    SOURCE_FIELD_NUMBER: _ClassVar[int]
     status: AlignmentStatus
     scale: float
     rotation_wxyz: _containers.RepeatedScalarFieldContainer[float]
@@ -104,4 +114,5 @@ class Alignment(_message.Message):
     rms_m: float
     inliers: int
     positions: int
-    def __init__(self, status: _Optional[_Union[AlignmentStatus, str]] = ..., scale: _Optional[float] = ..., rotation_wxyz: _Optional[_Iterable[float]] = ..., translation: _Optional[_Iterable[float]] = ..., rms_m: _Optional[float] = ..., inliers: _Optional[int] = ..., positions: _Optional[int] = ...) -> None: ...
+    source: AlignmentSource
+    def __init__(self, status: _Optional[_Union[AlignmentStatus, str]] = ..., scale: _Optional[float] = ..., rotation_wxyz: _Optional[_Iterable[float]] = ..., translation: _Optional[_Iterable[float]] = ..., rms_m: _Optional[float] = ..., inliers: _Optional[int] = ..., positions: _Optional[int] = ..., source: _Optional[_Union[AlignmentSource, str]] = ...) -> None: ...

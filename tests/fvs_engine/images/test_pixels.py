@@ -7,7 +7,15 @@ import numpy as np
 import pytest
 from PIL import Image
 
-from fvs_engine.images.pixels import UnusableImageError, decode, load_rgb, reduced_size, stored_size
+from fvs_engine.images.pixels import (
+    UnusableImageError,
+    decode,
+    load_rgb,
+    reduced_size,
+    stored_size,
+    upright,
+    upright_pixel,
+)
 
 ORIENTATION = 0x0112
 
@@ -211,3 +219,12 @@ def test_stored_pixels_are_those_before_any_turn(orientation: int, suffix: str, 
     decoded = decode(path.read_bytes())
     assert decoded.turned is (orientation != 1)
     assert decoded.rgb.size == ((48, 64) if orientation > 4 else (64, 48))
+
+
+@pytest.mark.parametrize("orientation", range(1, 9))
+def test_points_are_turned_as_pixels_are(orientation: int) -> None:
+    stored = Image.new("L", (7, 4))
+    stored.putpixel((5, 1), 255)
+    x, y = upright_pixel(np.array([5.5, 1.5]), stored.size, orientation)
+    assert upright(stored, orientation).getpixel((int(x), int(y))) == 255
+    assert (x % 1, y % 1) == (0.5, 0.5)

@@ -1,0 +1,127 @@
+"""Control and check points: what was surveyed and marked, and how well a model fits it."""
+
+from typing import Annotated
+
+from pydantic import Field, model_validator
+
+from fvs_schema.base import Input, Output
+from fvs_schema.checks import of_fields
+from fvs_schema.quantities import MAX_SIDE_PX, Coordinate, Count, Number
+from fvs_schema.scenes import AltitudeDatum
+from fvs_schema.words import Word
+
+PointName = Annotated[str, Field(min_length=1, max_length=128, pattern=r"^[^\x00-\x1f\x7f]+$")]
+_Pixel = Annotated[Number, Field(ge=0, le=MAX_SIDE_PX)]
+
+
+class Mark(Input):
+    """Where an image shows a point, in px of the stored pixels: EXIF's orientation does not turn them.
+
+    The top left corner of the top left pixel is (0, 0).
+    """
+
+    image: Annotated[str, Field(min_length=1, max_length=4096)]
+    """The image, by its digest or by its name, if only one has it."""
+    x_px: _Pixel
+    """To the right."""
+    y_px: _Pixel
+    """Down."""
+
+
+class ControlPoint(Input):
+    """A surveyed point and its marks; two of them or more measure it in the model."""
+
+    name: PointName
+    """The name, which no other point has."""
+    x: Coordinate
+    """The easting, or the longitude in degrees."""
+    y: Coordinate
+    """The northing, or the latitude in degrees."""
+    z: Coordinate | None = None
+    """The height in metres; without one the point only checks the horizontal position."""
+    check: bool = False
+    """Whether it is a check point: measured, and not used for the alignment."""
+    marks: tuple[Mark, ...]
+    """Where images show it, each once."""
+
+    @model_validator(mode="after")
+    def _marked_once(self) -> "ControlPoint":
+        images = [mark.image for mark in self.marks]
+        twice = next((image for image in images if images.count(image) > 1), None)
+        if twice is not None:
+            raise of_fields(f"{self.name} has two marks in {twice}", "marks")
+        return self
+
+
+class ControlPoints(Input):
+    """The control and check points of a scene."""
+
+    crs: Annotated[str, Field(min_length=1, max_length=1000)]
+    """The CRS of x and y: `EPSG:25832`, `WGS84 UTM 32N`, or a PROJ string."""
+    altitude_datum: AltitudeDatum | None = None
+    """What heights are measured from; by default as the CRS says, and above sea level where it does not."""
+    points: Annotated[tuple[ControlPoint, ...], Field(min_length=1)]
+    """The points."""
+
+    @model_validator(mode="after")
+    def _different_names(self) -> "ControlPoints":
+        names = [point.name for point in self.points]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise of_fields(f"two points have the name {twice}", "points")
+        return self
+
+
+class PointStatus(Word):
+    """What became of a point."""
+
+    USED = "used"
+    """The alignment is from it and the other used ones."""
+    CHECK = "check"
+    """It is measured, and not used."""
+    OUTLIER = "outlier"
+    """It is a control point that contradicts the others, and is not used."""
+    NO_HEIGHT = "no-height"
+    """It has no height: only its horizontal position is checked."""
+    SEEN_ONCE = "seen-once"
+    """Fewer than two registered images have a mark of it."""
+    NO_PARALLAX = "no-parallax"
+    """The images with a mark of it are side by side: they leave its depth open."""
+    MARKS_DISAGREE = "marks-disagree"
+    """No point projects to where most of its marks are."""
+
+
+class PointResidual(Output):
+    """How far a point of the aligned model is from its surveyed position."""
+
+    name: str
+    """The name of the point."""
+    check: bool
+    """Whether it is a check point."""
+    status: PointStatus
+    """What became of it."""
+    east_m: Number | None = None
+    """Model minus survey, to the east; null where the point is not measured."""
+    north_m: Number | None = None
+    """The same to the north."""
+    up_m: Number | None = None
+    """The same upwards; null as well where the point has no height."""
+    distance_m: Number | None = None
+    """The length of the three, or of the first two."""
+    marks: Count
+    """Its marks in registered images."""
+    wrong_marks: tuple[str, ...] = ()
+    """The images whose marks contradict the others; they are not used."""
+    reprojection_px: Number | None = None
+    """The root mean square of the distances between the other marks and the measured point's projections."""
+
+
+class ControlResiduals(Output):
+    """How well the model fits the points that were measured."""
+
+    points: tuple[PointResidual, ...]
+    """The points, in the order in which they were given."""
+    control_rms_m: Number
+    """Root mean square of the distances of the used control points."""
+    check_rms_m: Number | None
+    """The same of the check points with a height; null without one."""
