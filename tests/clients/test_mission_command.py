@@ -6,7 +6,10 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
+import rasterio
+from rasterio.transform import Affine
 from typer.testing import Result
 
 from fvs_schema.scenes import Alignment, AlignmentStatus
@@ -68,6 +71,43 @@ def test_rankings_and_plans_become_missions(run: Run, gateway: Any, tmp_path: Pa
     assert "The plan is for 1 vehicle; `--vehicle` counts from 1." in refused
     written = run("mission", ranking, "--format", "csv", "--out", f"{tmp_path}/new/folder/").stdout.strip()
     assert written == str(tmp_path / "new" / "folder" / f"{ranking}.csv")
+
+
+@pytest.mark.system
+def test_a_height_model_is_the_ground_of_rankings_and_plans(run: Run, gateway: Any, tmp_path: Path) -> None:
+    origin = {"latitude_deg": 46.02, "longitude_deg": 7.75, "altitude_m": 500.0}
+    scene = gateway.scene(world={"kind": "enu", "origin": origin})
+    gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED, scale=10.0))
+    ranking = json.loads(run("rank", scene, "--generator", "orbit", "--count", 4, "--json").stdout)
+    plan = tmp_path / "plan.json"
+    plan.write_text(run("plan", scene, "--count", 8, "--views", 3, "--json").stdout)
+    dem = tmp_path / "ground.tif"
+    profile = {"width": 400, "height": 400, "count": 1, "dtype": "float32", "crs": "EPSG:4326"}
+    corner = Affine(1e-5, 0.0, 7.748, 0.0, -1e-5, 46.022)
+    with rasterio.open(dem, "w", driver="GTiff", transform=corner, nodata=-9999, **profile) as file:
+        file.write(np.full((1, 400, 400), 480.0, dtype=np.float32))
+    over = ("--home", "46.02,7.75", "--terrain", dem, "--out", tmp_path)
+    for what in (ranking["id"], plan, json.loads(plan.read_text())["id"]):
+        run("mission", what, *over, "--format", "qgc-plan", "--above-ground")
+    document = json.loads((tmp_path / f"{scene}.plan").read_text())
+    frames = [item["frame"] for item in document["mission"]["items"] if item["command"] == 16]
+    assert set(frames) == {10}
+    heights = [item["Altitude"] for item in document["mission"]["items"] if item["command"] == 16]
+    first = ranking["candidates"][0]["pose"]["altitude_m"]
+    run("mission", ranking["id"], *over, "--format", "csv", "--first", 1)
+    row = (tmp_path / f"{scene}.csv").read_text().splitlines()[1].split(",")
+    assert float(row[5]) == pytest.approx(first - 480.0, abs=0.01)
+    assert all(height > 0.0 for height in heights)
+    with rasterio.open(dem, "r+") as file:
+        file.write(np.full((1, 400, 400), first + 7.0, dtype=np.float32))
+    refused = run("mission", ranking["id"], *over, "--format", "csv", "--first", 1, expect=3).stderr
+    assert "it is under ground: 7.0 m below the terrain" in refused
+    said = run("mission", ranking["id"], "--terrain", dem, expect=2).stderr
+    assert "With --terrain, home must be given." in said
+    said = run("mission", ranking["id"], "--home", "47,8", "--terrain", plan, expect=2).stderr
+    assert "is no height model" in said
+    said = run("mission", ranking["id"], "--home", "46.02,7.75", "--above-ground", expect=3).stderr
+    assert "a terrain is missing" in said
 
 
 def test_missions_are_refused_in_the_words_of_the_command_line(run: Run, gateway: Any) -> None:

@@ -45,6 +45,7 @@ from fvs_client.errors import (
     UnreadableFormatError,
     WaitTimeoutError,
 )
+from fvs_client.height_model import HeightModel, HeightModelError
 from fvs_client.models.display import Png
 from fvs_client.models.missions import MissionFile, MissionSettings
 from fvs_client.retries import NO_RETRIES, Retries
@@ -98,6 +99,7 @@ from fvs_schema.scenes import (
 )
 from fvs_schema.service import Capabilities, Health, Limits, WorkerStatus
 from fvs_schema.snapshots import Artifact, PinholeIntrinsics, SnapshotCameras, SnapshotMetrics, SnapshotView
+from fvs_schema.terrain import Terrain
 from fvs_schema.visits import Visit, VisitReport, VisitState
 from fvs_schema.volumes import Box, Corridor, Cylinder, Prism, Shell, Volume
 from fvs_schema.webhooks import WebhookState
@@ -153,6 +155,8 @@ __all__ = [
     "GoneError",
     "Grid",
     "Health",
+    "HeightModel",
+    "HeightModelError",
     "IdempotencyKeyReusedError",
     "Image",
     "ImageCounts",
@@ -213,6 +217,7 @@ __all__ = [
     "SnapshotMetrics",
     "SnapshotView",
     "Stop",
+    "Terrain",
     "Tour",
     "Trigger",
     "UnauthenticatedError",

@@ -14,6 +14,7 @@ from fvs_schema.poses import Pose
 from fvs_schema.quantities import WHOLE, Altitude, AsText, Latitude, Longitude, Number, Tilt
 from fvs_schema.rankings import RankedCandidate
 from fvs_schema.scenes import AltitudeDatum
+from fvs_schema.terrain import Terrain
 from fvs_schema.words import Word
 
 _MOST_VIA = 200
@@ -86,7 +87,10 @@ class Finish(Word):
 
 
 class MissionOptions(Input):
-    """How a mission is flown and written. Heights are above home; altitudes have the scene's datum."""
+    """How a mission is flown and written. Altitudes have the scene's datum.
+
+    Heights are above home, and above the ground where the request has a `terrain`.
+    """
 
     format: MissionFormat = Field(description="What the mission is written for.")
     first: Annotated[int | None, WHOLE] = Field(
@@ -113,14 +117,23 @@ class MissionOptions(Input):
     )
     transit_height_m: AsText[_Height] | None = Field(
         default=None,
-        description="Fly from view to view at this height above home, or that of the views if it is more. By "
-        "default straight.",
+        description="Fly from view to view at this height above home (with a terrain: above the highest "
+        "ground on the way), or that of the views if it is more. By default straight.",
     )
     lowest_height_m: AsText[_Height] | None = Field(
-        default=None, description="No view is lower above home; 0 by default where home's altitude is known."
+        default=None,
+        description="No view is lower above home, and with a terrain nothing is flown lower above the "
+        "ground; 0 by default where home's altitude, or the terrain, is known.",
     )
     highest_height_m: AsText[_Height] | None = Field(
-        default=None, description="Nothing is flown higher above home."
+        default=None,
+        description="Nothing is flown higher above home; with a terrain: above the ground.",
+    )
+    above_ground: bool = Field(
+        default=False,
+        description="The file's altitudes are above the ground (`MAV_FRAME_GLOBAL_TERRAIN_ALT`; DJI's "
+        "`aboveGroundLevel`), whose heights the vehicle must know; needs a terrain. Otherwise the terrain is "
+        "in the altitudes.",
     )
     geofence: Annotated[str, Field(max_length=MOST_CORNERS * 50)] | None = Field(
         default=None,
@@ -250,6 +263,8 @@ class MissionRequest(Input):
     """Where to pass on the way home, in order."""
     snapshot_id: str | None = None
     """The snapshot whose alignment relates poses of the model frame to the world; by default the newest."""
+    terrain: Terrain | None = None
+    """The ground, from which heights are measured; by default from home. Home is then required."""
 
     @model_validator(mode="after")
     def _different(self) -> Self:

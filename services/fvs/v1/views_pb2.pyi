@@ -217,7 +217,7 @@ class DeletePlanRequest(_message.Message):
     def __init__(self, plan_id: _Optional[str] = ...) -> None: ...
 
 class GetRankingMissionRequest(_message.Message):
-    __slots__ = ("ranking_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone")
+    __slots__ = ("ranking_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "above_ground")
     RANKING_ID_FIELD_NUMBER: _ClassVar[int]
     FORMAT_FIELD_NUMBER: _ClassVar[int]
     FIRST_FIELD_NUMBER: _ClassVar[int]
@@ -240,6 +240,7 @@ class GetRankingMissionRequest(_message.Message):
     FINISH_FIELD_NUMBER: _ClassVar[int]
     AUTOPILOT_FIELD_NUMBER: _ClassVar[int]
     DRONE_FIELD_NUMBER: _ClassVar[int]
+    ABOVE_GROUND_FIELD_NUMBER: _ClassVar[int]
     ranking_id: str
     format: MissionFormat
     first: int
@@ -262,10 +263,11 @@ class GetRankingMissionRequest(_message.Message):
     finish: Finish
     autopilot: Autopilot
     drone: Drone
-    def __init__(self, ranking_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ...) -> None: ...
+    above_ground: bool
+    def __init__(self, ranking_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., above_ground: _Optional[bool] = ...) -> None: ...
 
 class GetPlanMissionRequest(_message.Message):
-    __slots__ = ("plan_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "vehicle")
+    __slots__ = ("plan_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "vehicle", "above_ground")
     PLAN_ID_FIELD_NUMBER: _ClassVar[int]
     FORMAT_FIELD_NUMBER: _ClassVar[int]
     FIRST_FIELD_NUMBER: _ClassVar[int]
@@ -289,6 +291,7 @@ class GetPlanMissionRequest(_message.Message):
     AUTOPILOT_FIELD_NUMBER: _ClassVar[int]
     DRONE_FIELD_NUMBER: _ClassVar[int]
     VEHICLE_FIELD_NUMBER: _ClassVar[int]
+    ABOVE_GROUND_FIELD_NUMBER: _ClassVar[int]
     plan_id: str
     format: MissionFormat
     first: int
@@ -312,10 +315,11 @@ class GetPlanMissionRequest(_message.Message):
     autopilot: Autopilot
     drone: Drone
     vehicle: int
-    def __init__(self, plan_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., vehicle: _Optional[int] = ...) -> None: ...
+    above_ground: bool
+    def __init__(self, plan_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., vehicle: _Optional[int] = ..., above_ground: _Optional[bool] = ...) -> None: ...
 
 class CreateMissionRequest(_message.Message):
-    __slots__ = ("scene_id", "mission", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone")
+    __slots__ = ("scene_id", "mission", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "above_ground")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     MISSION_FIELD_NUMBER: _ClassVar[int]
     FORMAT_FIELD_NUMBER: _ClassVar[int]
@@ -339,6 +343,7 @@ class CreateMissionRequest(_message.Message):
     FINISH_FIELD_NUMBER: _ClassVar[int]
     AUTOPILOT_FIELD_NUMBER: _ClassVar[int]
     DRONE_FIELD_NUMBER: _ClassVar[int]
+    ABOVE_GROUND_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     mission: MissionRequest
     format: MissionFormat
@@ -362,7 +367,8 @@ class CreateMissionRequest(_message.Message):
     finish: Finish
     autopilot: Autopilot
     drone: Drone
-    def __init__(self, scene_id: _Optional[str] = ..., mission: _Optional[_Union[MissionRequest, _Mapping]] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ...) -> None: ...
+    above_ground: bool
+    def __init__(self, scene_id: _Optional[str] = ..., mission: _Optional[_Union[MissionRequest, _Mapping]] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., above_ground: _Optional[bool] = ...) -> None: ...
 
 class RankViewsRequest(_message.Message):
     __slots__ = ("scene_id", "ranking", "idempotency_key")
@@ -883,14 +889,34 @@ class MissionView(_message.Message):
     def __init__(self, id: _Optional[str] = ..., pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., via: _Optional[_Iterable[_Union[_poses_pb2.Pose, _Mapping]]] = ...) -> None: ...
 
 class MissionRequest(_message.Message):
-    __slots__ = ("views", "via_home", "snapshot_id")
+    __slots__ = ("views", "via_home", "snapshot_id", "terrain")
     VIEWS_FIELD_NUMBER: _ClassVar[int]
     VIA_HOME_FIELD_NUMBER: _ClassVar[int]
     SNAPSHOT_ID_FIELD_NUMBER: _ClassVar[int]
+    TERRAIN_FIELD_NUMBER: _ClassVar[int]
     views: _containers.RepeatedCompositeFieldContainer[MissionView]
     via_home: _containers.RepeatedCompositeFieldContainer[_poses_pb2.Pose]
     snapshot_id: str
-    def __init__(self, views: _Optional[_Iterable[_Union[MissionView, _Mapping]]] = ..., via_home: _Optional[_Iterable[_Union[_poses_pb2.Pose, _Mapping]]] = ..., snapshot_id: _Optional[str] = ...) -> None: ...
+    terrain: Terrain
+    def __init__(self, views: _Optional[_Iterable[_Union[MissionView, _Mapping]]] = ..., via_home: _Optional[_Iterable[_Union[_poses_pb2.Pose, _Mapping]]] = ..., snapshot_id: _Optional[str] = ..., terrain: _Optional[_Union[Terrain, _Mapping]] = ...) -> None: ...
+
+class Terrain(_message.Message):
+    __slots__ = ("south_deg", "west_deg", "latitude_step_deg", "longitude_step_deg", "columns", "heights_m", "altitude_datum")
+    SOUTH_DEG_FIELD_NUMBER: _ClassVar[int]
+    WEST_DEG_FIELD_NUMBER: _ClassVar[int]
+    LATITUDE_STEP_DEG_FIELD_NUMBER: _ClassVar[int]
+    LONGITUDE_STEP_DEG_FIELD_NUMBER: _ClassVar[int]
+    COLUMNS_FIELD_NUMBER: _ClassVar[int]
+    HEIGHTS_M_FIELD_NUMBER: _ClassVar[int]
+    ALTITUDE_DATUM_FIELD_NUMBER: _ClassVar[int]
+    south_deg: float
+    west_deg: float
+    latitude_step_deg: float
+    longitude_step_deg: float
+    columns: int
+    heights_m: _containers.RepeatedScalarFieldContainer[float]
+    altitude_datum: _poses_pb2.AltitudeDatum
+    def __init__(self, south_deg: _Optional[float] = ..., west_deg: _Optional[float] = ..., latitude_step_deg: _Optional[float] = ..., longitude_step_deg: _Optional[float] = ..., columns: _Optional[int] = ..., heights_m: _Optional[_Iterable[float]] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ...) -> None: ...
 
 class MissionFile(_message.Message):
     __slots__ = ("name", "media_type", "content", "left_out", "reasons")

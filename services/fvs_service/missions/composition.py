@@ -4,11 +4,13 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 
 from fvs_schema.error_codes import FieldError
+from fvs_schema.fence import Place
 from fvs_schema.missions import Finish, MissionOptions
 from fvs_schema.scenes import AltitudeDatum
 from fvs_service.errors import InvalidRequestError
 from fvs_service.missions.altitudes import Altitudes
 from fvs_service.missions.flight import Home, Mission, Waypoint
+from fvs_service.missions.ground import Ground
 from fvs_service.missions.objections import Objections
 
 _SAME_M = 0.5
@@ -36,11 +38,24 @@ class Violation:
 
 
 class Composer:
-    """Makes missions with the same options; ``altitudes`` and ``ground_m`` as in ``Objections``."""
+    """Makes missions with the same options; ``altitudes`` and ``ground`` as in ``Objections``.
 
-    def __init__(self, options: MissionOptions, altitudes: Altitudes, ground_m: float | None) -> None:
+    ``follows``: between waypoints the vehicle keeps the height above the ground, as it gets from one to the
+    next.
+    """
+
+    def __init__(
+        self,
+        options: MissionOptions,
+        altitudes: Altitudes,
+        ground: Ground | float | None,
+        *,
+        follows: bool = False,
+    ) -> None:
         self._options, self._altitudes = options, altitudes
-        self._objections = Objections(options, altitudes, ground_m)
+        self._terrain = ground if isinstance(ground, Ground) else None
+        self._follows = follows
+        self._objections = Objections(options, altitudes, ground)
 
     def mission(
         self, name: str, legs: Sequence[Leg], via_home: Sequence[Waypoint], datum: AltitudeDatum
@@ -57,8 +72,15 @@ class Composer:
         waypoints = tuple(self._waypoints(flown, via_home))
         home, climb_m = self._home(), None
         if home is not None and self._options.takeoff:
-            climb_m = self._climb(waypoints) + offset_m
-        moved = tuple(replace(point, altitude_m=point.altitude_m + offset_m) for point in waypoints)
+            climb_m = self._climb(waypoints[0]) + offset_m
+        moved = tuple(
+            replace(
+                point,
+                altitude_m=point.altitude_m + offset_m,
+                above_ground_m=self._above_ground(point),
+            )
+            for point in waypoints
+        )
         return Mission(name, datum, moved, home, climb_m, self._options), violations
 
     def _flyable(
@@ -72,9 +94,9 @@ class Composer:
         violations: list[Violation] = []
         leave_out, reason, follows = self._options.leave_out, None, True
         for leg in legs:
-            before = flown[-1].view.place if flown else self._options.home
+            before = flown[-1].view if flown else None
             via = leg.via if follows else ()
-            reason = self._objections.to_view(leg.view) or self._objections.to_way(before, via, leg.view)
+            reason = self._objections.to_view(leg.view) or self._to_way(before, Leg(leg.view, via))
             if reason is not None:
                 violations.append(Violation(str(leg.view.name), reason))
             follows = reason is None or not leave_out
@@ -82,7 +104,7 @@ class Composer:
                 flown.append(Leg(leg.view, via))
         way_home = via_home if follows else ()
         while flown and (leave_out or reason is None):
-            reason = self._objections.to_way_home(flown[-1].view, way_home)
+            reason = self._to_way_home(flown[-1].view, way_home)
             if reason is None:
                 break
             violations.append(Violation(str(flown[-1].view.name), reason))
@@ -91,39 +113,85 @@ class Composer:
                 way_home = ()
         return flown, way_home, tuple(violations)
 
+    def _to_way(self, before: Waypoint | None, leg: Leg) -> str | None:
+        start = before.place if before else self._options.home
+        reason = self._objections.to_way(start, leg.via, leg.view)
+        if reason is not None or self._follows:
+            return reason
+        passed = [*self._passed(before, leg), leg.view]
+        if before is None and self._options.home is not None and self._options.takeoff:
+            latitude_deg, longitude_deg = self._options.home
+            before = replace(
+                passed[0],
+                latitude_deg=latitude_deg,
+                longitude_deg=longitude_deg,
+                altitude_m=self._climb(passed[0]),
+            )
+        return self._objections.over_ground("the way to it", [before, *passed] if before else passed)
+
+    def _to_way_home(self, view: Waypoint, via_home: Sequence[Waypoint]) -> str | None:
+        """Why the way home cannot be flown; at which altitude the vehicle returns from its end is its own."""
+        reason = self._objections.to_way_home(view, via_home)
+        if reason is not None or self._follows:
+            return reason
+        way = [view, *self._passed_home(view, via_home)]
+        return self._objections.over_ground("the way home from it", way)
+
     def _waypoints(self, legs: Sequence[Leg], via_home: Sequence[Waypoint]) -> Iterator[Waypoint]:
         """The views, and between them what is passed."""
         before: Waypoint | None = None
         for leg in legs:
-            view = leg.view
-            if leg.via:
-                yield from leg.via
-            elif (transit_m := self._transit(*(point for point in (before, view) if point))) is not None:
-                if before is not None and transit_m - before.altitude_m > _SAME_M:
-                    yield replace(before, name=None, altitude_m=transit_m)
-                if transit_m - view.altitude_m > _SAME_M:
-                    yield replace(view, name=None, altitude_m=transit_m)
-            yield view
-            before = view
-        if self._options.finish is Finish.RETURN and before is not None:
-            transit_m = self._transit(before)
-            if via_home:
-                yield from via_home
-            elif transit_m is not None and transit_m - before.altitude_m > _SAME_M:
-                yield replace(before, name=None, altitude_m=transit_m)
+            yield from self._passed(before, leg)
+            yield leg.view
+            before = leg.view
+        if before is not None:
+            yield from self._passed_home(before, via_home)
 
-    def _transit(self, *ends: Waypoint) -> float | None:
-        """The altitude of a way between ``ends``; None if it is straight."""
-        transit_m, home_m = self._options.transit_height_m, self._altitudes.home_m
-        if transit_m is None or home_m is None:
-            return None
-        return max(home_m + transit_m, *(end.altitude_m for end in ends))
+    def _passed(self, before: Waypoint | None, leg: Leg) -> Sequence[Waypoint]:
+        """What is passed between the view ``before`` and that of the leg."""
+        view = leg.view
+        if leg.via:
+            return leg.via
+        start = before.place if before else self._options.home
+        transit_m = self._transit([start, view.place] if start else [view.place])
+        if transit_m is None:
+            return ()
+        ends = [before, view] if before else [view]
+        transit_m = max(transit_m, *(end.altitude_m for end in ends))
+        return [
+            replace(end, name=None, altitude_m=transit_m)
+            for end in ends
+            if transit_m - end.altitude_m > _SAME_M
+        ]
 
-    def _climb(self, waypoints: Sequence[Waypoint]) -> float:
-        """The altitude to take off to."""
+    def _passed_home(self, last: Waypoint, via_home: Sequence[Waypoint]) -> Sequence[Waypoint]:
+        """What is passed after the last view."""
+        if self._options.finish is not Finish.RETURN or via_home:
+            return via_home if self._options.finish is Finish.RETURN else ()
+        home = self._options.home
+        transit_m = self._transit([last.place, home] if home else [last.place])
+        if transit_m is None or transit_m - last.altitude_m <= _SAME_M:
+            return ()
+        return [replace(last, name=None, altitude_m=transit_m)]
+
+    def _transit(self, places: Sequence[Place]) -> float | None:
+        """The altitude of a transit over ``places``; None if ways are straight."""
+        transit_m, from_m = self._options.transit_height_m, self._altitudes.home_m
+        if self._terrain is not None:
+            from_m = self._terrain.highest_m(places)
+        return None if transit_m is None or from_m is None else from_m + transit_m
+
+    def _climb(self, first: Waypoint) -> float:
+        """The altitude to take off to, on the way to the ``first`` waypoint."""
         home_m = self._altitudes.home_m
-        first_m = waypoints[0].altitude_m
-        return first_m if home_m is None else max(first_m, home_m + _CLEAR_OF_GROUND_M)
+        if home_m is None:
+            return first.altitude_m
+        lowest_m = 0.0 if self._terrain is None else self._options.lowest_height_m or 0.0
+        return max(first.altitude_m, home_m + max(_CLEAR_OF_GROUND_M, lowest_m))
+
+    def _above_ground(self, point: Waypoint) -> float | None:
+        ground_m = None if self._terrain is None else self._terrain.altitude_m(point.place)
+        return None if ground_m is None else point.altitude_m - ground_m
 
     def _home(self) -> Home | None:
         place, home_m = self._options.home, self._altitudes.home_m

@@ -11,7 +11,8 @@ from fvs_schema.scenes import AltitudeDatum
 class Waypoint:
     """A position with the camera's attitude there: ``name`` is the view to photograph, None to pass.
 
-    The altitude is above the mission's datum. Yaw is clockwise from north, in [0, 360); pitch is up.
+    The altitude is above the mission's datum; ``above_ground_m`` is the height above the terrain, if that is
+    known. Yaw is clockwise from north, in [0, 360); pitch is up.
     """
 
     name: str | None
@@ -21,6 +22,7 @@ class Waypoint:
     yaw_deg: float
     pitch_deg: float
     roll_deg: float = 0.0
+    above_ground_m: float | None = None
 
     @property
     def place(self) -> Place:

@@ -10,20 +10,23 @@ from fvs_service.errors import InvalidRequestError
 from fvs_service.missions import gimbal
 from fvs_service.missions.altitudes import Altitudes
 from fvs_service.missions.flight import Waypoint
+from fvs_service.missions.ground import Ground, described
 
 _ROUNDING_DEG = 1e-6
+_ROUNDING_M = 1e-3
 
 
 class Objections:
     """Objections of a mission's options to views and ways; None is no objection.
 
-    ``altitudes`` are the scene's; ``ground_m`` is the altitude of the model's lowest point, which counts as
-    the ground where home's altitude is not known. Raises ``InvalidRequestError`` for options that need home's
-    altitude without it, and for a home outside of the geofence.
+    ``altitudes`` are the scene's. ``ground`` is what heights are measured from; without it that is home, or,
+    where home's altitude is not known, a floor at the altitude ``ground``: that of the model's lowest point.
+    Raises ``InvalidRequestError`` for options that need home's altitude without it, and for a home outside of
+    the geofence.
     """
 
-    def __init__(self, options: MissionOptions, altitudes: Altitudes, ground_m: float | None) -> None:
-        self._options, self._altitudes, self._ground_m = options, altitudes, ground_m
+    def __init__(self, options: MissionOptions, altitudes: Altitudes, ground: Ground | float | None) -> None:
+        self._options, self._altitudes, self._ground = options, altitudes, ground
         self._fence = options.fence
         if altitudes.home_m is None:
             for name in ("transit_height_m", "lowest_height_m", "highest_height_m"):
@@ -49,7 +52,7 @@ class Objections:
             )
         if self._options.format.of_gimbals and (reason := gimbal.objection(view)) is not None:
             return reason
-        reason = self._to_height("it is", view.altitude_m)
+        reason = self._to_height("it is", view)
         if reason is None and self._fence is not None and not self._fence.has(view.place):
             return "it is outside of the geofence"
         return reason
@@ -60,9 +63,11 @@ class Objections:
         if self._leaves([*start, *(point.place for point in via), view.place]):
             return "the way to it leaves the geofence"
         for point in via:
-            if (reason := self._to_height("the way to it is", point.altitude_m)) is not None:
+            if (reason := self._to_height("the way to it is", point)) is not None:
                 return reason
         transit_m, highest_m = self._options.transit_height_m, self._options.highest_height_m
+        if isinstance(self._ground, Ground):  # ``over_ground`` sees what is flown
+            return None
         if highest_m is not None and transit_m is not None and transit_m > highest_m:
             return f"the transit to it is {transit_m:g} m above home; the highest allowed is {highest_m:g} m"
         return None
@@ -75,17 +80,36 @@ class Objections:
         if self._leaves([view.place, *(point.place for point in via), *home]):
             return "the way home from it leaves the geofence"
         for point in via:
-            if (reason := self._to_height("the way home from it is", point.altitude_m)) is not None:
+            if (reason := self._to_height("the way home from it is", point)) is not None:
                 return reason
         return None
 
-    def _to_height(self, what: str, altitude_m: float) -> str | None:
+    def over_ground(self, what: str, way: Sequence[Waypoint]) -> str | None:
+        """Why ``what``, which is flown straight from waypoint to waypoint, is too near to the terrain."""
+        if not isinstance(self._ground, Ground):
+            return None
+        heights = self._ground.heights_over(way)
+        for height_m, place in heights:
+            if height_m is None:
+                return f"{what} leads over {described(place)}, where the terrain has no height"
+        known = [(height_m, place) for height_m, place in heights if height_m is not None]
+        for height_m, place in (min(known), max(known)) if known else ():
+            if (reason := self._to_terrain(f"{what} is, over {described(place)},", height_m)) is not None:
+                return reason
+        return None
+
+    def _to_height(self, what: str, point: Waypoint) -> str | None:
         """Why ``what`` is at a wrong altitude."""
-        height_m = self._altitudes.height(altitude_m)
+        if isinstance(self._ground, Ground):
+            ground_m = self._ground.altitude_m(point.place)
+            if ground_m is None:
+                return f"{what} at {described(point.place)}, where the terrain has no height"
+            return self._to_terrain(what, point.altitude_m - ground_m)
+        height_m = self._altitudes.height(point.altitude_m)
         if height_m is None:
-            if self._ground_m is None or altitude_m >= self._ground_m:
+            if self._ground is None or point.altitude_m >= self._ground:
                 return None
-            below_m = self._ground_m - altitude_m
+            below_m = self._ground - point.altitude_m
             return f"{what} under ground: {below_m:.1f} m below the lowest point of the model"
         lowest_m, highest_m = self._options.lowest_height_m or 0.0, self._options.highest_height_m
         if height_m < min(lowest_m, 0.0):
@@ -94,6 +118,17 @@ class Objections:
             return f"{what} {height_m:.1f} m above home; the lowest allowed is {lowest_m:g} m"
         if highest_m is not None and height_m > highest_m:
             return f"{what} {height_m:.1f} m above home; the highest allowed is {highest_m:g} m"
+        return None
+
+    def _to_terrain(self, what: str, height_m: float) -> str | None:
+        """Why ``what`` is at a wrong height above the terrain."""
+        lowest_m, highest_m = self._options.lowest_height_m or 0.0, self._options.highest_height_m
+        if height_m < min(lowest_m, 0.0) - _ROUNDING_M:
+            return f"{what} under ground: {-height_m:.1f} m below the terrain"
+        if height_m < lowest_m - _ROUNDING_M:
+            return f"{what} {height_m:.1f} m above the ground; the lowest allowed is {lowest_m:g} m"
+        if highest_m is not None and height_m > highest_m + _ROUNDING_M:
+            return f"{what} {height_m:.1f} m above the ground; the highest allowed is {highest_m:g} m"
         return None
 
     def _leaves(self, places: Sequence[Place]) -> bool:

@@ -76,7 +76,7 @@ class Missions:
         views = request.views[: options.first]
         via_home = _way_home(request.via_home, views, request.views)
         ground, camera = self._surroundings(snapshot.id)
-        return write_mission(scene.id, frame, views, via_home, options, ground, camera)
+        return write_mission(scene.id, frame, views, via_home, options, ground, camera, request.terrain)
 
     def _surroundings(self, snapshot_id: str) -> tuple[float | None, PinholeIntrinsics | None]:
         """The height of the model's lowest point in the world frame, and the camera of its images.

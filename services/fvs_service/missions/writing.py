@@ -3,10 +3,11 @@
 from collections.abc import Sequence
 
 from fvs_schema.error_codes import FieldError
-from fvs_schema.missions import MissionFile, MissionOptions, MissionView
+from fvs_schema.missions import Autopilot, MissionFile, MissionOptions, MissionView
 from fvs_schema.poses import FramePose, VehiclePose
 from fvs_schema.scenes import AltitudeDatum, Origin
 from fvs_schema.snapshots import PinholeIntrinsics
+from fvs_schema.terrain import Terrain
 from fvs_service.errors import InvalidRequestError
 from fvs_service.missions.altitudes import Altitudes
 from fvs_service.missions.camera_poses import CameraPoses
@@ -14,6 +15,7 @@ from fvs_service.missions.composition import MOST_NAMED, Composer, Leg, Violatio
 from fvs_service.missions.flight import Mission, Waypoint
 from fvs_service.missions.formats.registry import WRITERS, MissionWriter, PoseWriter
 from fvs_service.missions.gimbal import levelled
+from fvs_service.missions.ground import Ground
 from fvs_service.scenes.poses import WorldFrame, require_on_earth
 
 _OF_EARTH = (
@@ -31,28 +33,33 @@ def write_mission(
     options: MissionOptions,
     ground_up_m: float | None,
     camera: PinholeIntrinsics | None = None,
+    terrain: Terrain | None = None,
 ) -> MissionFile:
     """The views, in their order, as a file; ``ground_up_m`` is where the ground is on the world's up axis.
 
-    ``camera`` is that of the scene's images. Raises ``InvalidRequestError`` for a format that needs a
-    georeferenced scene without one, and for what cannot be flown or written.
+    ``camera`` is that of the scene's images; a ``terrain`` is the ground instead. Raises
+    ``InvalidRequestError`` for a format that needs a georeferenced scene without one, and for what cannot be
+    flown or written.
     """
     if not views:
         raise InvalidRequestError(
             "There is no view to fly to.", hint="Give views, or a ranking that has ranked candidates."
         )
     writer = WRITERS[options.format]
+    ground = ground_up_m if terrain is None else terrain
+    if options.above_ground:
+        _require_above_ground(writer, options, terrain)
     if isinstance(writer, MissionWriter):
-        mission, violations = _composed(name, frame, views, via_home, options, ground_up_m, writer)
+        mission, violations = _composed(name, frame, views, via_home, options, ground, writer)
         content = writer.write(mission)
     else:
         violations = ()
         if frame.georeferenced:
-            mission, violations = _composed(name, frame, views, via_home, options, ground_up_m)
+            mission, violations = _composed(name, frame, views, via_home, options, ground)
             flown = {waypoint.name for waypoint in mission.views}
             views = [view for view in views if view.id in flown]
         else:
-            _require_no_earth(frame, options, writer)
+            _require_no_earth(frame, options, writer, terrain)
         cameras = frame.world_from_cameras([view.pose for view in views])
         content = writer.write(CameraPoses(tuple(view.id for view in views), cameras, camera))
     return MissionFile(
@@ -70,20 +77,27 @@ def _composed(
     views: Sequence[MissionView],
     via_home: Sequence[FramePose | VehiclePose],
     options: MissionOptions,
-    ground_up_m: float | None,
+    ground: Terrain | float | None,
     writer: MissionWriter | None = None,
 ) -> tuple[Mission, tuple[Violation, ...]]:
     """The mission, and what was left out of it; without a ``writer`` in any datum."""
     origin = _origin_of(frame)
-    altitudes = Altitudes.of(origin.altitude_datum, options.home_altitude_m, options.geoid_height_m)
+    home_m = options.home_altitude_m
+    under: Ground | float | None = None
+    if isinstance(ground, Terrain):
+        under = Ground(ground, options, origin.altitude_datum)
+        home_m = under.home_m
+    elif ground is not None:
+        under = origin.altitude_m + ground
+    altitudes = Altitudes.of(origin.altitude_datum, home_m, options.geoid_height_m)
     possible = frozenset(AltitudeDatum) if writer is None else writer.datums
     datum = altitudes.choose(options.altitude_datum, possible, "the file" if writer is None else writer.name)
-    ground_m = None if ground_up_m is None else origin.altitude_m + ground_up_m
     at_views = _waypoints(frame, [(view.id, view.pose) for view in views])
     if options.format.of_gimbals:
         at_views = tuple(map(levelled, at_views))
     legs = [Leg(at_view, _passed(frame, view.via)) for view, at_view in zip(views, at_views, strict=True)]
-    composer = Composer(options, altitudes, ground_m)
+    follows = options.above_ground and writer is not None and writer.above_ground == "flown"
+    composer = Composer(options, altitudes, under, follows=follows)
     return composer.mission(name, legs, _passed(frame, via_home), datum)
 
 
@@ -98,20 +112,42 @@ def _origin_of(frame: WorldFrame) -> Origin:
     )
 
 
-def _require_no_earth(frame: WorldFrame, options: MissionOptions, writer: PoseWriter) -> None:
+def _require_above_ground(
+    writer: MissionWriter | PoseWriter, options: MissionOptions, terrain: Terrain | None
+) -> None:
+    """Raise ``InvalidRequestError`` where a file cannot have altitudes above the ground."""
+    wrong = None
+    if terrain is None:
+        wrong = "a terrain is missing", "Send a terrain with the views (POST /v1/scenes/{scene_id}/missions)."
+    elif not isinstance(writer, MissionWriter) or writer.above_ground == "never":
+        wrong = (
+            f"{writer.name} has no altitudes above the ground",
+            "The terrain is in its altitudes: leave it out.",
+        )
+    elif writer.above_ground == "flown" and options.autopilot is Autopilot.PX4:
+        wrong = "PX4 flies no missions above the ground", "The terrain is in its altitudes: leave it out."
+    if wrong is not None:
+        raise InvalidRequestError(
+            f"above_ground: {wrong[0]}.", hint=wrong[1], errors=[FieldError("above_ground", wrong[0])]
+        )
+
+
+def _require_no_earth(
+    frame: WorldFrame, options: MissionOptions, writer: PoseWriter, terrain: Terrain | None
+) -> None:
     """Raise ``InvalidRequestError`` for what a scene without georeference cannot have."""
     if writer.metric and not frame.aligned:
         raise InvalidRequestError(
             f"The scene has no metres, which {writer.name} needs: its world is the model frame.",
             hint="Send images with GPS, or with positions in a local world.",
         )
-    for name in _OF_EARTH:
-        if getattr(options, name) is not None:
-            raise InvalidRequestError(
-                f"The scene is not georeferenced, so {name} has no meaning in it.",
-                hint=f"Leave it out: {writer.name} has only the poses, as they are in the world frame.",
-                errors=[FieldError(name, "the scene is not georeferenced")],
-            )
+    given = [name for name in _OF_EARTH if getattr(options, name) is not None]
+    for name in given if terrain is None else ("terrain", *given):
+        raise InvalidRequestError(
+            f"The scene is not georeferenced, so {name} has no meaning in it.",
+            hint=f"Leave it out: {writer.name} has only the poses, as they are in the world frame.",
+            errors=[FieldError(name, "the scene is not georeferenced")],
+        )
 
 
 def _passed(frame: WorldFrame, poses: Sequence[FramePose | VehiclePose]) -> tuple[Waypoint, ...]:

@@ -10,6 +10,7 @@ from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.settings import FlightSettings
 
 from fvs_schema.scenes import Origin
+from fvs_schema.terrain import Terrain
 
 VOLUME = InVolume(volume=Shell(centre=(0.0, 0.0, 0.0), inner=3.0, outer=5.0), count=20)
 
@@ -78,10 +79,9 @@ HOME = (0.001, 0.005)
 WEST, EAST, BELOW = (0.008, 0.002), (0.008, 0.008), (0.001, 0.002)
 
 
-def test_a_view_behind_a_notch_of_the_geofence_is_left_out() -> None:
-    """Both views can be flown to from home, but the way between them leaves the geofence."""
+def flying(told: list[str], **limits: Any) -> tuple[Any, SimpleNamespace]:
+    """A flight with a ranking of the views `east` and `below`, that flies at `WEST`, and its watch."""
     places = {"east": EAST, "below": BELOW}
-    told: list[str] = []
 
     def rank(*_: Any, **given: Any) -> Any:
         pose = given["current_pose"]
@@ -101,9 +101,38 @@ def test_a_view_behind_a_notch_of_the_geofence_is_left_out() -> None:
     vehicle = SimpleNamespace(state=state, last_state=state, dialect=SimpleNamespace(autopilot="ardupilot"))
     watch = SimpleNamespace(trying=lambda ask: ask(), airborne=True)
     log = SimpleNamespace(event=lambda _kind, text, *_, **__: told.append(text))
-    settings = FlightSettings("north", 5, generator=Orbit(count=2), mission={"geofence": NOTCHED})
+    settings = FlightSettings("north", 5, generator=Orbit(count=2), **limits)
     parts = (scene, vehicle, settings, watch, log)
-    assert [view.id for view in Choice(*(cast("Any", part) for part in parts)).next(1).views] == ["below"]
+    return lambda: Choice(*(cast("Any", part) for part in parts)).next(1).views, watch
+
+
+def test_a_view_behind_a_notch_of_the_geofence_is_left_out() -> None:
+    """Both views can be flown to from home, but the way between them leaves the geofence."""
+    told: list[str] = []
+    views, watch = flying(told, mission={"geofence": NOTCHED})
+    assert [view.id for view in views()] == ["below"]
     assert told[0] == "east is left out: the way to it from where the vehicle is leaves the geofence."
     watch.airborne = False  # it takes off at home, from where the service has checked the way
-    assert [view.id for view in Choice(*(cast("Any", part) for part in parts)).next(1).views] == ["east"]
+    assert [view.id for view in views()] == ["east"]
+
+
+def test_a_view_behind_a_ridge_is_left_out() -> None:
+    """The vehicle and both views are 9 m above home; a ridge of 20 m lies between the west and the east."""
+    ridge = [20.0 if 4 <= column <= 6 else 0.0 for column in range(11)]
+    terrain = Terrain(
+        south_deg=-0.001,
+        west_deg=-0.001,
+        latitude_step_deg=0.001,
+        longitude_step_deg=0.001,
+        columns=len(ridge),
+        heights_m=tuple(ridge * 12),
+    )
+    told: list[str] = []
+    heights = SimpleNamespace(around=lambda _: terrain)
+    views, watch = flying(told, terrain=heights)
+    assert [view.id for view in views()] == ["below"]
+    said = "east is left out: the way to it from where the vehicle is is too low over 0.008000, 0.00"
+    assert told[0].startswith(said)
+    assert told[0].endswith("-11.0 m above the ground.")
+    watch.airborne = False
+    assert [view.id for view in views()] == ["east"]

@@ -1,6 +1,7 @@
 """Surveys that leave the geofence or the height band are refused before takeoff."""
 
 import math
+from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
@@ -11,9 +12,12 @@ from fvs_client import Scene
 from fvs_client.fly.dialects import PX4
 from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.flight import Ending
+from fvs_client.fly.ground import Ground
 from fvs_client.fly.items import Command
 from fvs_client.fly.survey_limits import require_within_limits
 from fvs_client.models.missions import MissionSettings
+
+from fvs_schema.terrain import Terrain
 
 _HOME = (47.3769, 8.5417)
 _DEGREE_M = 111_195.0
@@ -68,6 +72,46 @@ def test_the_way_home_stays_inside() -> None:
 def test_a_survey_takes_off_where_the_vehicle_is() -> None:
     takeoff = next(item for item in SURVEY.items(PX4, (47.0, 8.0)) if item.command == Command.TAKEOFF)
     assert (takeoff.x, takeoff.y, takeoff.z) == (47.0, 8.0, SURVEY.height_m)
+
+
+def ground(height: Callable[[float], float]) -> Ground:
+    """The ground of ``height`` by metres north of home, in steps of 2 m."""
+    step_deg, rows, columns = 2.0 / _DEGREE_M, 41, 41
+    heights = [height((row - 20) * 2.0) for row in range(rows) for _ in range(columns)]
+    terrain = Terrain(
+        south_deg=_HOME[0] - 20 * step_deg,
+        west_deg=_HOME[1] - 20 * step_deg * 1.5,
+        latitude_step_deg=step_deg,
+        longitude_step_deg=step_deg * 1.5,
+        columns=columns,
+        heights_m=tuple(440.0 + value for value in heights),
+    )
+    return Ground(terrain, _HOME)
+
+
+def test_a_survey_over_a_slope_keeps_its_height_above_the_ground() -> None:
+    slope = ground(lambda north_m: north_m / 2.0)
+    items = SURVEY.items(PX4, _HOME, slope)
+    heights = [item.z for item in items if item.command == Command.WAYPOINT][1:]
+    assert heights == pytest.approx([27.0, 23.49, 15.0], abs=0.02)  # 24 m, 17 m and 0 m north of home
+    assert next(item.z for item in items if item.command == Command.TAKEOFF) == pytest.approx(27.0, abs=0.02)
+    pitches = [item.parameters[0] for item in items if item.command == Command.MOUNT_CONTROL]
+    downwards = [-math.degrees(math.atan2(height, 24.0)) for height in heights]
+    assert pitches == pytest.approx(downwards)
+    require_within_limits(SURVEY, _HOME, {"highest_height_m": 15.0, "lowest_height_m": 14.0}, slope)
+
+
+def test_a_survey_into_a_hill_or_a_hole_is_refused() -> None:
+    hill = ground(lambda north_m: 30.0 if 8 <= north_m <= 12 else 0.0)
+    with pytest.raises(VehicleError, match=r"the way from home to photograph 1 is 15\.0 m below the ground"):
+        require_within_limits(SURVEY, _HOME, {}, hill)
+    low = ground(lambda north_m: 6.0 if 8 <= north_m <= 12 else 0.0)
+    require_within_limits(SURVEY, _HOME, {}, low)
+    with pytest.raises(VehicleError, match=r"9\.0 m above the ground at .*, and the lowest allowed is 10 m"):
+        require_within_limits(SURVEY, _HOME, {"lowest_height_m": 10.0}, low)
+    holed = ground(lambda north_m: -20_000.0 if north_m > 10 else 0.0)
+    with pytest.raises(VehicleError, match=r"The height model has no height at 47\.37"):
+        require_within_limits(SURVEY, _HOME, {}, holed)
 
 
 @pytest.mark.system

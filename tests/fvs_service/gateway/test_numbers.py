@@ -36,6 +36,10 @@ VOLUMES: list[dict[str, Any]] = [
 ]
 """Beside the model of the georeferenced scene, whose images are 120 m from its middle."""
 ZONE = {"kind": "box", "centre": [-300.0, 0.0, 0.0], "size": [9.0, 9.0, 9.0]}
+TERRAIN = {
+    **{"south_deg": 48.0, "west_deg": 7.0, "latitude_step_deg": 1.0, "longitude_step_deg": 1.0},
+    **{"columns": 2, "heights_m": [300.0, 300.0, 300.0, 300.0]},
+}
 REQUESTS: Mapping[str, list[dict[str, Any]]] = {
     "/v1/scenes": [
         {
@@ -98,10 +102,14 @@ REQUESTS: Mapping[str, list[dict[str, Any]]] = {
             "views": [{"id": "a", "pose": VEHICLE, "via": [VEHICLE]}, {"id": "b", "pose": FRAME}],
             "via_home": [FRAME],
         },
+        {"views": [{"id": "a", "pose": VEHICLE}], "terrain": TERRAIN},
     ],
 }
 OPTIONS: Mapping[str, Mapping[str, str]] = {
-    "/v1/scenes/{scene_id}/missions": {"format": "geojson", "gimbal_highest_deg": "180"}
+    "/v1/scenes/{scene_id}/missions": {
+        **{"format": "geojson", "gimbal_highest_deg": "180"},
+        **{"home_latitude_deg": "48.3", "home_longitude_deg": "7.25"},
+    }
 }
 """What a route needs in the query, beside its body."""
 QUERIES: Mapping[str, list[dict[str, Any]]] = {

@@ -32,6 +32,7 @@ from fvs_schema.scenes import (
     SceneSize,
     World,
 )
+from fvs_schema.terrain import Terrain
 from fvs_schema.visits import Visit, VisitList, VisitReport, VisitState
 from fvs_schema.volumes import Volume
 from fvs_schema.words import Method as RankingMethod
@@ -244,16 +245,18 @@ class AsyncScene(AsyncResource, SceneData):
         format: MissionFormat | str,  # noqa: A002
         *,
         snapshot_id: str | None = None,
+        terrain: Terrain | None = None,
         **settings: Unpack[MissionSettings],
     ) -> MissionFile:
         """Get views, such as stops of plans or candidates of rankings, as a mission.
 
         ``snapshot_id`` is the one whose alignment relates poses of the model frame to the world, by default
-        the newest. Raises ``InvalidRequestError`` when the scene is not georeferenced, or a view cannot be
-        flown.
+        the newest. ``terrain`` is the ground from which heights are measured, such as one of a
+        ``HeightModel``; then home must be given. Raises ``InvalidRequestError`` when the scene is not
+        georeferenced, or a view cannot be flown.
         """
         options = mission_options(format, settings)
-        mission = _mission(views, snapshot_id)
+        mission = _mission(views, snapshot_id, terrain)
         return mission_file(await self._session.response(requests.create_mission(self.id, mission, options)))
 
     def events(self, after: int | None = 0) -> AsyncIterator[Event]:
@@ -267,6 +270,7 @@ class AsyncScene(AsyncResource, SceneData):
 def _mission(
     views: Tour | Mapping[str, Pose] | Iterable[Candidate | RankedCandidate | Stop],
     snapshot_id: str | None,
+    terrain: Terrain | None,
 ) -> MissionRequest:
     listed: Iterable[Candidate | RankedCandidate | Stop]
     if isinstance(views, Tour):
@@ -277,7 +281,7 @@ def _mission(
         MissionView(id=item.id, pose=item.pose, via=item.via if isinstance(item, Stop) else ())
         for item in listed
     )
-    return MissionRequest(views=tuple(given), via_home=via_home, snapshot_id=snapshot_id)
+    return MissionRequest(views=tuple(given), via_home=via_home, snapshot_id=snapshot_id, terrain=terrain)
 
 
 def _candidates(

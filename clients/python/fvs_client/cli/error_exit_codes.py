@@ -13,6 +13,7 @@ from fvs_client.errors import (
     UnavailableError,
     WaitTimeoutError,
 )
+from fvs_client.height_model import HeightModelError
 from fvs_schema.error_codes import ErrorCode
 
 
@@ -33,6 +34,7 @@ _STATUSES: tuple[tuple[type[FvsError], int], ...] = (
     (JobCanceledError, 8),
     (WaitTimeoutError, 9),
     (SceneNameError, USAGE),
+    (HeightModelError, USAGE),
     (FvsError, 3),
 )
 

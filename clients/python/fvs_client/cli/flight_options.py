@@ -1,5 +1,6 @@
 """Options that limit where a vehicle flies, shared by `fly` and `mission`."""
 
+from pathlib import Path
 from typing import Annotated
 
 import typer
@@ -13,14 +14,20 @@ TransitHeightOption = Annotated[
         min=-10_000,
         max=10_000,
         metavar="M",
-        help="Fly from view to view at this height above home.",
+        help="Fly from view to view at this height above home; with --terrain above the highest ground on "
+        "the way.",
         show_default="straight",
     ),
 ]
 LowestOption = Annotated[
     float | None,
     typer.Option(
-        "--lowest", min=-10_000, max=10_000, metavar="M", help="The lowest height of views above home."
+        "--lowest",
+        min=-10_000,
+        max=10_000,
+        metavar="M",
+        help="The lowest height of views above home; with --terrain "
+        "also of the ways to them, above the ground.",
     ),
 ]
 HighestOption = Annotated[
@@ -30,7 +37,19 @@ HighestOption = Annotated[
         min=-10_000,
         max=10_000,
         metavar="M",
-        help="The greatest height of the flight above home.",
+        help="The greatest height of the flight above home; with --terrain above the ground.",
+    ),
+]
+TerrainOption = Annotated[
+    Path | None,
+    typer.Option(
+        "--terrain",
+        exists=True,
+        dir_okay=False,
+        metavar="FILE",
+        help="A height model, such as a GeoTIFF in any CRS: heights are above its ground instead of home. "
+        "Needs the extra `terrain` of fvs-client.",
+        show_default=False,
     ),
 ]
 GeofenceOption = Annotated[

@@ -15,6 +15,7 @@ from fvs_client.cli.flight_options import (
     GeofenceOption,
     HighestOption,
     LowestOption,
+    TerrainOption,
     TransitHeightOption,
     flight_limits,
 )
@@ -36,6 +37,7 @@ from fvs_client.fly.log import FlightLog
 from fvs_client.fly.photographs import Photographs
 from fvs_client.fly.survey import Survey
 from fvs_client.fly.vehicle import Vehicle
+from fvs_client.height_model import HeightModel
 from fvs_client.service_url import DEFAULT_URL
 from fvs_client.spool.errors import SpoolError
 from fvs_schema.fence import Fence
@@ -117,7 +119,7 @@ def fly(
         typer.Option(
             metavar=_SURVEY_FORM,
             help="Where the scene has no model: first fly a circle around a point, in degrees and in m "
-            "above home.",
+            "above home, or with --terrain above the ground.",
             show_default=False,
         ),
     ] = None,
@@ -130,7 +132,7 @@ def fly(
             min=-1_000,
             max=10_000,
             metavar="M",
-            help="Height above home of the point that the survey looks at.",
+            help="Height above home of the point that the survey looks at; with --terrain above the ground.",
         ),
     ] = 0.0,
     survey_arc: Annotated[
@@ -166,6 +168,7 @@ def fly(
     lowest: LowestOption = None,
     highest: HighestOption = None,
     geofence: GeofenceOption = None,
+    terrain: TerrainOption = None,
     geoid: Annotated[
         float | None,
         typer.Option(
@@ -210,6 +213,7 @@ def fly(
     mission["speed_m_s"] = speed
     if geoid is not None:
         mission["geoid_height_m"] = geoid
+    heights = None if terrain is None else HeightModel(terrain)
     settings = FlightSettings(
         vehicle=name,
         photographs=views,
@@ -229,6 +233,7 @@ def fly(
         long_side_px=long_side,
         stop_at_db=stop_at_db,
         mission=mission,
+        terrain=heights,
     )
     target: Target = context.find_object(Target) or Target(None, None)
 

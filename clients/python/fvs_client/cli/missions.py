@@ -2,6 +2,7 @@
 
 import json
 import math
+from collections.abc import Sequence
 from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any
@@ -9,19 +10,26 @@ from typing import Annotated, Any
 import pydantic
 import typer
 
-from fvs_client import AltitudeDatum, Autopilot, Client, Drone, Finish, MissionFile, MissionFormat
+from fvs_client import AltitudeDatum, Autopilot, Drone, Finish, MissionFormat, Tour
 from fvs_client.cli.flight_options import (
     GeofenceOption,
     HighestOption,
     LowestOption,
+    TerrainOption,
     TransitHeightOption,
     flight_limits,
 )
 from fvs_client.cli.options import JsonOption, within
 from fvs_client.cli.output import print_json
 from fvs_client.cli.session import service
+from fvs_client.height_model import HeightModel, places_of
 from fvs_client.models.plans import PlanData
 from fvs_schema.mistakes import described
+from fvs_schema.plans import Stop
+from fvs_schema.poses import Pose
+from fvs_schema.rankings import RankedCandidate
+from fvs_schema.scenes import Origin
+from fvs_schema.terrain import Terrain
 
 _RANKING, _PLAN = "rnk_", "pln_"
 _PLANS = "`fvs-client plan --json` writes plans."
@@ -71,6 +79,15 @@ def mission(
     lowest: LowestOption = None,
     highest: HighestOption = None,
     geofence: GeofenceOption = None,
+    terrain: TerrainOption = None,
+    above_ground: Annotated[
+        bool,
+        typer.Option(
+            "--above-ground",
+            help="Write altitudes above the ground (QGroundControl's terrain frame), whose heights the "
+            "vehicle must know; with --terrain. By default the terrain is in the altitudes.",
+        ),
+    ] = False,
     leave_out: Annotated[
         bool, typer.Option("--leave-out", help="Leave out views that cannot be flown.")
     ] = False,
@@ -120,6 +137,7 @@ def mission(
         **flight_limits(transit_height, lowest, highest, geofence),
         "altitude_datum": altitudes,
         "geoid_height_m": geoid,
+        "above_ground": above_ground or None,
         "leave_out": leave_out,
         "speed_m_s": speed,
         "acceptance_radius_m": acceptance,
@@ -134,12 +152,22 @@ def mission(
     given = {name: value for name, value in settings.items() if value is not None}
     plan = None if what.startswith((_RANKING, _PLAN)) else _plan(Path(what))
     with service(context, as_json=as_json) as client:
-        if what.startswith(_RANKING):
+        if what.startswith(_RANKING) and terrain is None:
             file = client.rankings.get(what).mission(format, **given)
-        elif plan is None:
+        elif what.startswith(_RANKING):
+            ranking = client.rankings.get(what)
+            ranked = [item for item in ranking.candidates if item.rank is not None]
+            ground = _ground(terrain, ranked[:first], (), ranking.origin, home)
+            scene = client.scenes.get(ranking.scene_id)
+            file = scene.mission(ranked, format, snapshot_id=ranking.snapshot_id, terrain=ground, **given)
+        elif plan is None and terrain is None:
             file = client.plans.get(what).mission(format, vehicle=vehicle, **given)
         else:
-            file = _of_plan(client, plan, vehicle, format, given)
+            plan = plan or client.plans.get(what)
+            tour = _tour(plan, vehicle)
+            ground = _ground(terrain, tour.stops[:first], tour.via_home, plan.origin, home)
+            scene = client.scenes.get(plan.scene_id)
+            file = scene.mission(tour, format, snapshot_id=plan.snapshot_id, terrain=ground, **given)
         path = file.save(out)
     if as_json:
         print_json(
@@ -157,20 +185,32 @@ def mission(
         typer.echo(f"Warning: {view} is left out{why}.", err=True)
 
 
-def _of_plan(
-    client: Client,
-    plan: PlanData,
-    vehicle: int,
-    wanted: MissionFormat,
-    settings: dict[str, Any],
-) -> MissionFile:
+def _tour(plan: PlanData, vehicle: int) -> Tour:
     if vehicle > len(plan.tours):
         vehicles = "1 vehicle" if len(plan.tours) == 1 else f"{len(plan.tours)} vehicles"
         raise typer.BadParameter(
             f"The plan is for {vehicles}; `--vehicle` counts from 1.", param_hint="--vehicle"
         )
-    scene = client.scenes.get(plan.scene_id)
-    return scene.mission(plan.tours[vehicle - 1], wanted, snapshot_id=plan.snapshot_id, **settings)
+    return plan.tours[vehicle - 1]
+
+
+def _ground(
+    path: Path | None,
+    views: Sequence[RankedCandidate | Stop],
+    via_home: Sequence[Pose],
+    origin: Origin | None,
+    home: str | None,
+) -> Terrain | None:
+    """The height model around a flight."""
+    if path is None:
+        return None
+    given = _home(home)
+    if not given:
+        raise typer.BadParameter("With --terrain, home must be given.", param_hint="--home")
+    via = (pose for view in views if isinstance(view, Stop) for pose in view.via)
+    places = places_of([*(view.pose for view in views), *via, *via_home], origin)
+    with HeightModel(path) as heights:
+        return heights.around([(given["home_latitude_deg"], given["home_longitude_deg"]), *places])
 
 
 def _plan(path: Path) -> PlanData:

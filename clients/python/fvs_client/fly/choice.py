@@ -18,24 +18,27 @@ from fvs_client import (
     VisitState,
 )
 from fvs_client.fly.errors import VehicleError
-from fvs_client.fly.items import Command, holding, read_waypoints
+from fvs_client.fly.ground import Ground, described
+from fvs_client.fly.items import Command, Frame, holding, read_waypoints
 from fvs_client.fly.leg import Leg
 from fvs_client.fly.log import FlightLog
 from fvs_client.fly.settings import EndedError, Ending, FlightSettings
 from fvs_client.fly.vehicle import Vehicle, VehicleState
 from fvs_client.fly.watch import Watch
+from fvs_client.height_model import places_of
 from fvs_client.models.missions import MissionFile, MissionSettings
 from fvs_schema.candidates import AroundCurrent
 from fvs_schema.fence import Fence
 from fvs_schema.missions import MissionFormat
 from fvs_schema.scenes import Origin
+from fvs_schema.terrain import Terrain
 
 _TAKEN_S = 3_600.0
 """Time for a photograph to arrive before others may take its view again."""
 _MOST_REFUSED = 10
 """Number of candidates of a ranking, or plans, that cannot be flown, after which a flight ends."""
 _DEGREE_M = 111_195.0
-_BLOCKED = "the way to it from where the vehicle is leaves the geofence."
+_BLOCKED = "the way to it from where the vehicle is"
 
 
 class Choice:
@@ -108,8 +111,8 @@ class Choice:
             view = Candidate(id=best.id, pose=best.pose)
             try:
                 mission = self._watch.trying(partial(self._mission, [view], ranking.origin))
-                if not self._reaches(mission):
-                    reason = _BLOCKED
+                if (blocked := self._blocked(mission)) is not None:
+                    reason = blocked
                     self._leave_out(view.id, reason)
                     continue
                 self._watch.trying(partial(self.report, VisitState.GOING_TO, [view]))
@@ -160,8 +163,8 @@ class Choice:
             out |= set(mission.left_out)
             if mission.left_out and tries_left:
                 continue
-            if not self._reaches(mission):
-                reason = _BLOCKED
+            if (blocked := self._blocked(mission)) is not None:
+                reason = blocked
                 first = next(stop.id for stop in tour.stops if stop.id not in mission.left_out)
                 self._leave_out(first, reason)
                 out.add(first)
@@ -182,19 +185,28 @@ class Choice:
             return self._leg(mission, views)
         raise EndedError(Ending.NO_VIEW, f"no view can be flown to: {reason}")
 
-    def _reaches(self, mission: MissionFile) -> bool:
-        """Whether the straight path from the vehicle to the first waypoint stays inside the geofence.
+    def _blocked(self, mission: MissionFile) -> str | None:
+        """Why the straight path from the vehicle to the first waypoint cannot be flown.
 
         The service checks the ways between views, and that from home: it does not know where the vehicle is.
         """
-        geofence = self._settings.mission.get("geofence")
-        if geofence is None or not self._watch.airborne:
-            return True
-        here = self._vehicle.last_state
+        limits, heights = self._settings.mission, self._settings.terrain
+        if not self._watch.airborne:
+            return None
+        here, home = self._vehicle.last_state, self._home
         items = read_waypoints(mission.content.decode())
         first = next(item for item in items[1:] if item.command == Command.WAYPOINT)
-        fence = Fence.parse(geofence)
-        return not fence.crosses((here.latitude_deg, here.longitude_deg), (first.x, first.y))
+        start, end = (here.latitude_deg, here.longitude_deg), (first.x, first.y)
+        if "geofence" in limits and Fence.parse(limits["geofence"]).crosses(start, end):
+            return f"{_BLOCKED} leaves the geofence."
+        if heights is None or first.frame != Frame.RELATIVE:
+            return None
+        at_home = home.latitude_deg, home.longitude_deg
+        ground = Ground(heights.around([at_home, start, end]), at_home)
+        height_m, place = min(ground.over(start, end, (here.height_m, first.z)))
+        if height_m < max(limits.get("lowest_height_m", 0.0), 0.0):
+            return f"{_BLOCKED} is too low over {described(place)}: {height_m:.1f} m above the ground."
+        return None
 
     @property
     def _located(self) -> bool:
@@ -270,7 +282,25 @@ class Choice:
             given["home_altitude_m"] = self._altitude_m(home) - home.height_m
         given |= self._gimbal
         given |= self._settings.mission
-        return self._scene.mission(views, MissionFormat.QGC_WPL, snapshot_id=snapshot_id, **given)
+        return self._scene.mission(
+            views,
+            MissionFormat.QGC_WPL,
+            snapshot_id=snapshot_id,
+            terrain=self._terrain(views, origin),
+            **given,
+        )
+
+    def _terrain(self, views: Tour | Sequence[Candidate], origin: Origin | None) -> Terrain | None:
+        """The ground around home and the views, and the ways to them."""
+        heights, home = self._settings.terrain, self._home
+        if heights is None:
+            return None
+        poses = [view.pose for view in (views.stops if isinstance(views, Tour) else views)]
+        if isinstance(views, Tour):
+            poses += [pose for stop in views.stops for pose in stop.via] + list(views.via_home)
+        here = self._vehicle.last_state
+        places = [(state.latitude_deg, state.longitude_deg) for state in (home, here)]
+        return heights.around([*places, *places_of(poses, origin)])
 
     def _leg(self, mission: MissionFile, views: tuple[Candidate, ...]) -> Leg:
         items = read_waypoints(mission.content.decode())

@@ -15,6 +15,7 @@ from fvs_client.fly.checks import require_battery, require_equipment, warn_of_fa
 from fvs_client.fly.choice import Choice
 from fvs_client.fly.dialects import Mode
 from fvs_client.fly.errors import NoAnswerError, VehicleError
+from fvs_client.fly.ground import Ground
 from fvs_client.fly.homecoming import Homecoming
 from fvs_client.fly.items import holding
 from fvs_client.fly.leg import Leg
@@ -141,8 +142,12 @@ class Flight:
             )
         here = self._vehicle.last_state
         home = here.latitude_deg, here.longitude_deg
-        require_within_limits(survey, home, self._settings.mission)
-        leg = Leg(holding(survey.items(self._vehicle.dialect, home), self._settings.patience_s))
+        ground, heights = None, self._settings.terrain
+        if heights is not None:
+            middle = survey.latitude_deg, survey.longitude_deg
+            ground = Ground(heights.around([home, middle, *survey.places]), home)
+        require_within_limits(survey, home, self._settings.mission, ground)
+        leg = Leg(holding(survey.items(self._vehicle.dialect, home, ground), self._settings.patience_s))
         self._log.event("survey", f"Survey: {survey.count} photographs.", self._vehicle.last_state)
         self._fly(leg)
 

@@ -5,6 +5,7 @@ from enum import StrEnum
 
 from fvs_client import Candidate
 from fvs_client.fly.survey import Survey
+from fvs_client.height_model import HeightModel
 from fvs_client.models.missions import MissionSettings
 from fvs_schema.candidates import Generator
 
@@ -74,6 +75,8 @@ class FlightSettings:
     """Stop when the expected PSNR of the model reaches this value."""
     mission: MissionSettings = field(default_factory=lambda: MissionSettings())
     """Options of the missions, such as ``transit_height_m`` and ``geofence``."""
+    terrain: HeightModel | None = None
+    """The ground from which heights are measured, instead of home."""
 
 
 @dataclass(frozen=True)

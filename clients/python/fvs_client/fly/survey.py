@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 from fvs_client.fly.dialects import Dialect
 from fvs_client.fly.errors import VehicleError
+from fvs_client.fly.ground import Ground
 from fvs_client.fly.items import Command, Frame, MissionItem
 
 _EARTH_RADIUS_M = 6_371_000.0
@@ -20,10 +21,11 @@ _FEWEST = 3
 
 @dataclass(frozen=True)
 class Survey:
-    """``count`` photographs on a circle of ``radius_m`` at ``height_m`` above home.
+    """``count`` photographs on a circle of ``radius_m`` at ``height_m`` above home, or above the ground.
 
-    They look at a point ``target_height_m`` above home in the middle of the circle. ``arc_deg`` is the part
-    of the circle that is flown, from ``start_deg``: a direction from the middle, clockwise from north.
+    They look at a point ``target_height_m`` above home, or the ground, in the middle of the circle.
+    ``arc_deg`` is the part of the circle that is flown, from ``start_deg``: a direction from the middle,
+    clockwise from north.
     """
 
     latitude_deg: float
@@ -55,23 +57,36 @@ class Survey:
             places.append((latitude_deg, (longitude_deg + 180.0) % 360.0 - 180.0))
         return places
 
-    def items(self, dialect: Dialect, begins: tuple[float, float] | None = None) -> list[MissionItem]:
+    def heights_m(self, ground: Ground | None = None) -> list[float]:
+        """The height of each photograph above home; they are above the ``ground`` where that is known."""
+        return [self.height_m + (ground.height_m(place) if ground else 0.0) for place in self.places]
+
+    def climb_m(self, ground: Ground | None = None) -> float:
+        """The height above home to take off to."""
+        return max(self.height_m, self.heights_m(ground)[0])
+
+    def items(
+        self, dialect: Dialect, begins: tuple[float, float] | None = None, ground: Ground | None = None
+    ) -> list[MissionItem]:
         """The mission: home as a placeholder, a takeoff, the photographs, and the return home.
 
         It takes off at the latitude and longitude ``begins``, by default those of the middle: PX4 flies there
-        after the climb.
+        after the climb. Heights are above home, or above the ``ground``.
         """
         home = MissionItem(
             Command.WAYPOINT, Frame.GLOBAL, x=self.latitude_deg, y=self.longitude_deg
         )  # an autopilot has its own
         begins = begins or (self.latitude_deg, self.longitude_deg)
-        place = {"x": begins[0], "y": begins[1], "z": self.height_m}
+        place = {"x": begins[0], "y": begins[1], "z": self.climb_m(ground)}
         yaw_deg = math.nan if dialect.turns_at_waypoints else 0.0
         takeoff = MissionItem(Command.TAKEOFF, Frame.RELATIVE, (0.0, 0.0, 0.0, yaw_deg), **place)
+        target_m = self.target_height_m
+        if ground is not None:
+            target_m += ground.height_m((self.latitude_deg, self.longitude_deg))
         photographs = (
             item
-            for number, place in enumerate(self.places)
-            for item in self._photograph(number, place, dialect)
+            for number, (place, height_m) in enumerate(zip(self.places, self.heights_m(ground), strict=True))
+            for item in self._photograph(number, (*place, height_m), target_m, dialect)
         )
         return [home, takeoff, *photographs, MissionItem(Command.RETURN_TO_LAUNCH, Frame.MISSION)]
 
@@ -79,10 +94,12 @@ class Survey:
         closed = self.arc_deg >= 360.0
         return self.start_deg + number * self.arc_deg / (self.count if closed else self.count - 1)
 
-    def _photograph(self, number: int, at: tuple[float, float], dialect: Dialect) -> Iterator[MissionItem]:
+    def _photograph(
+        self, number: int, at: tuple[float, float, float], target_m: float, dialect: Dialect
+    ) -> Iterator[MissionItem]:
         yaw_deg = (self._direction_deg(number) + 180.0) % 360.0
-        pitch_deg = math.degrees(math.atan2(self.target_height_m - self.height_m, self.radius_m))
-        place = {"x": at[0], "y": at[1], "z": self.height_m}
+        pitch_deg = math.degrees(math.atan2(target_m - at[2], self.radius_m))
+        place = {"x": at[0], "y": at[1], "z": at[2]}
         yield MissionItem(Command.MOUNT_CONTROL, Frame.MISSION, (pitch_deg, 0.0, 0.0, 0.0), z=_TARGETING)
         if dialect.turns_at_waypoints:
             yield MissionItem(Command.WAYPOINT, Frame.RELATIVE, (_STILL_S, 1.0, 0.0, yaw_deg), **place)

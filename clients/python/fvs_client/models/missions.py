@@ -11,7 +11,7 @@ from fvs_schema.scenes import AltitudeDatum
 
 
 class MissionSettings(TypedDict, total=False):
-    """How a mission is flown. Heights are above home; altitudes have the scene's datum."""
+    """How a mission is flown. Altitudes have the scene's datum; heights are above home, or the terrain."""
 
     first: int
     """Only the first views, this many."""
@@ -26,6 +26,8 @@ class MissionSettings(TypedDict, total=False):
     """Fly from view to view at this height."""
     lowest_height_m: float
     highest_height_m: float
+    above_ground: bool
+    """The file's altitudes are above the ground, whose heights the vehicle must know; needs a terrain."""
     geofence: str
     """A polygon to stay inside: `latitude,longitude;latitude,longitude;…`."""
     leave_out: bool

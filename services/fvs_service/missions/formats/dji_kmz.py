@@ -100,7 +100,7 @@ def _wpml(tag: str, *content: str | float) -> str:
 
 
 def _template(mission: Mission) -> str:
-    heights = [waypoint.altitude_m - _above_sea(mission) for waypoint in mission.waypoints]
+    heights = [_height(mission, waypoint) for waypoint in mission.waypoints]
     folder = element(
         "Folder",
         _wpml("templateType", "waypoint"),
@@ -108,7 +108,7 @@ def _template(mission: Mission) -> str:
         _wpml(
             "waylineCoordinateSysParam",
             _wpml("coordinateMode", "WGS84"),
-            _wpml("heightMode", "relativeToStartPoint" if _relative(mission) else "EGM96"),
+            _wpml("heightMode", _height_mode(mission)),
         ),
         _wpml("autoFlightSpeed", mission.options.speed_m_s),
         _wpml("globalHeight", heights[0]),
@@ -256,9 +256,19 @@ def _photograph(name: str) -> tuple[str, ...]:
     )
 
 
-def _above_sea(mission: Mission) -> float:
-    """The height to subtract for the template: the geoid's, or 0 above home."""
-    return 0.0 if _relative(mission) else mission.options.geoid_height_m or 0.0
+def _height_mode(mission: Mission) -> str:
+    if mission.options.above_ground:
+        return "aboveGroundLevel"
+    return "relativeToStartPoint" if _relative(mission) else "EGM96"
+
+
+def _height(mission: Mission, waypoint: Waypoint) -> float:
+    """The height of a waypoint for the template: above the ground, home or sea level."""
+    if mission.options.above_ground:
+        assert waypoint.above_ground_m is not None, "waypoints without terrain were refused"
+        return waypoint.above_ground_m
+    geoid_m = 0.0 if _relative(mission) else mission.options.geoid_height_m or 0.0
+    return waypoint.altitude_m - geoid_m
 
 
 def _clamped(value: float, limits: tuple[float, float]) -> float:

@@ -32,6 +32,7 @@ class Frame(IntEnum):
     GLOBAL = 0
     MISSION = 2
     GLOBAL_RELATIVE_ALT = 3
+    GLOBAL_TERRAIN_ALT = 10
 
 
 class Command(IntEnum):
@@ -77,17 +78,21 @@ def items_of(mission: Mission) -> tuple[Item, ...]:
 
 
 def frame_of(mission: Mission) -> Frame:
-    """The frame of the mission's altitudes for an autopilot."""
+    """The frame of waypoints' altitudes for an autopilot."""
+    return Frame.GLOBAL_TERRAIN_ALT if mission.options.above_ground else _frame_of_datum(mission)
+
+
+def _frame_of_datum(mission: Mission) -> Frame:
     return Frame.GLOBAL_RELATIVE_ALT if mission.datum is AltitudeDatum.TAKEOFF else Frame.GLOBAL
 
 
 def _items(mission: Mission) -> Iterator[Item]:
-    options, frame = mission.options, frame_of(mission)
+    options = mission.options
     px4 = options.autopilot is Autopilot.PX4
     if mission.home is not None and mission.climb_m is not None:
         place = (mission.home.latitude_deg, mission.home.longitude_deg, mission.climb_m)
         yaw = math.nan if px4 else 0.0  # ArduPilot ignores it, and old ground stations cannot read NaN
-        yield Item(Command.NAV_TAKEOFF, frame, (0.0, 0.0, 0.0, yaw, *place))
+        yield Item(Command.NAV_TAKEOFF, _frame_of_datum(mission), (0.0, 0.0, 0.0, yaw, *place))
     yield _command(Command.DO_CHANGE_SPEED, _GROUND_SPEED, options.speed_m_s, _KEEP_THROTTLE)
     photographs = 0
     for waypoint in mission.waypoints:
@@ -113,10 +118,14 @@ def _items(mission: Mission) -> Iterator[Item]:
 
 
 def _waypoint(mission: Mission, waypoint: Waypoint, hold_s: float) -> Item:
-    place = (waypoint.latitude_deg, waypoint.longitude_deg, waypoint.altitude_m)
+    frame, altitude_m = frame_of(mission), waypoint.altitude_m
+    if frame is Frame.GLOBAL_TERRAIN_ALT:
+        assert waypoint.above_ground_m is not None, "waypoints without terrain were refused"
+        altitude_m = waypoint.above_ground_m
+    place = (waypoint.latitude_deg, waypoint.longitude_deg, altitude_m)
     return Item(
         Command.NAV_WAYPOINT,
-        frame_of(mission),
+        frame,
         (hold_s, mission.options.acceptance_radius_m, 0.0, waypoint.yaw_deg, *place),
     )
 

@@ -13,8 +13,10 @@ _FIRMWARE = {Autopilot.ARDUPILOT: 3, Autopilot.PX4: 12}
 """``MAV_AUTOPILOT``."""
 _QUADROTOR = 2
 """``MAV_TYPE``."""
-_ALTITUDE_MODE = {Frame.GLOBAL_RELATIVE_ALT: 1, Frame.GLOBAL: 2}
-"""QGroundControl's own numbers: relative to home, above sea level."""
+_ALTITUDE_MODE = {Frame.GLOBAL_RELATIVE_ALT: 1, Frame.GLOBAL: 2, Frame.GLOBAL_TERRAIN_ALT: 4}
+"""QGroundControl's own numbers: relative to home, above sea level, in the terrain frame."""
+_MIXED_MODES = 0
+"""Each item has its own."""
 
 
 def write(mission: Mission) -> bytes:
@@ -31,7 +33,9 @@ def write(mission: Mission) -> bytes:
             "version": 2,
             "firmwareType": _FIRMWARE[mission.options.autopilot],
             "vehicleType": _QUADROTOR,
-            "globalPlanAltitudeMode": _ALTITUDE_MODE[frame_of(mission)],
+            "globalPlanAltitudeMode": _MIXED_MODES
+            if mission.options.above_ground
+            else _ALTITUDE_MODE[frame_of(mission)],
             "cruiseSpeed": mission.options.speed_m_s,
             "hoverSpeed": mission.options.speed_m_s,
             "plannedHomePosition": planned,

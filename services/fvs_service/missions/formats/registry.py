@@ -2,6 +2,7 @@
 
 from collections.abc import Callable
 from dataclasses import dataclass
+from typing import Literal
 
 from fvs_schema.missions import MissionFormat
 from fvs_schema.scenes import AltitudeDatum
@@ -25,13 +26,18 @@ _JSON = "application/json"
 
 @dataclass(frozen=True)
 class MissionWriter:
-    """A format for vehicles: its name in messages, its files, and the altitudes that it can have."""
+    """A format for vehicles: its name in messages, its files, and the altitudes that it can have.
+
+    ``above_ground``: whether it can have altitudes above the ground, and, where these are ``flown``, vehicles
+    follow the ground from one to the next; where they are ``shown``, other altitudes are flown.
+    """
 
     name: str
     suffix: str
     media_type: str
     datums: frozenset[AltitudeDatum]
     write: Callable[[Mission], bytes]
+    above_ground: Literal["never", "shown", "flown"] = "never"
 
 
 @dataclass(frozen=True)
@@ -47,13 +53,13 @@ class PoseWriter:
 
 WRITERS: dict[MissionFormat, MissionWriter | PoseWriter] = {
     MissionFormat.QGC_PLAN: MissionWriter(
-        "QGroundControl", ".plan", _JSON, mavlink_items.DATUMS, qgc_plan.write
+        "QGroundControl", ".plan", _JSON, mavlink_items.DATUMS, qgc_plan.write, "flown"
     ),
     MissionFormat.QGC_WPL: MissionWriter(
-        "MAVLink", ".waypoints", "text/plain; charset=utf-8", mavlink_items.DATUMS, qgc_wpl.write
+        "MAVLink", ".waypoints", "text/plain; charset=utf-8", mavlink_items.DATUMS, qgc_wpl.write, "flown"
     ),
     MissionFormat.DJI_KMZ: MissionWriter(
-        "DJI", ".kmz", "application/vnd.google-earth.kmz", dji_kmz.DATUMS, dji_kmz.write
+        "DJI", ".kmz", "application/vnd.google-earth.kmz", dji_kmz.DATUMS, dji_kmz.write, "shown"
     ),
     MissionFormat.MAVSDK: MissionWriter("MAVSDK", ".mavsdk.json", _JSON, mavsdk.DATUMS, mavsdk.write),
     MissionFormat.GEOJSON: MissionWriter("GeoJSON", ".geojson", "application/geo+json", _ALL, geojson.write),
