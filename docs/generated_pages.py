@@ -31,6 +31,7 @@ ENGINE_PACKAGES = (
     "sfm",
     "lab.simulate",
     "images",
+    "video",
     "geometry",
 )
 _CLIENT = """::: fvs_client

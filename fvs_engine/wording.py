@@ -223,6 +223,23 @@ WORDING: Mapping[FindingCode, tuple[str, str]] = {
         "have their origin at {x:.12g}, {y:.12g}, {z:.12g}.",
         "Add it to positions in PLY, SPZ and COLMAP files; rankings and plans have the coordinates given.",
     ),
+    FindingCode.VIDEO_DAMAGED: (
+        "The video is damaged or cut short: its last frame that can be decoded ends at {read_s:.1f} s.",
+        "Go on with these frames, or copy the video from the camera again.",
+    ),
+    FindingCode.FRAMES_BLURRED: (
+        "{count} of the {of:.0f} frames are blurred: {images}.",
+        "Delete them, or film more slowly, or in more light.",
+    ),
+    FindingCode.FRAMES_WITHOUT_POSITION: (
+        "{count} of the {of:.0f} frames have no position: {images}.",
+        "Put the drone's subtitles beside the video, as VIDEO.SRT, or film with GPS.",
+    ),
+    FindingCode.FRAMES_WITHOUT_ALTITUDE: (
+        "{count} of the {of:.0f} frames have a position without an altitude above sea level, which is not "
+        "used: {images}.",
+        "Give their altitudes when you upload them.",
+    ),
     FindingCode.ALREADY_TRAINED: (
         "Nothing to do: the model has had {iterations:,.0f} iterations already.",
         "Ask for more iterations to train it further.",

@@ -16,6 +16,7 @@ from fvs_engine.choices import CameraModel, Quality, RankingMethod, ViewGroup
 from fvs_engine.cli.align import align
 from fvs_engine.cli.evaluate import evaluate
 from fvs_engine.cli.export import export
+from fvs_engine.cli.frames import frames
 from fvs_engine.cli.option_groups import with_option_groups
 from fvs_engine.cli.options import (
     MAX_ITERATIONS,
@@ -319,6 +320,7 @@ def info(folder: _Folder, as_json: JsonOption = False) -> None:
         fail(error, machine=as_json)
 
 
+app.command()(frames)
 app.command()(plan)
 app.command()(align)
 app.command()(export)

@@ -46,6 +46,7 @@ _LABELS: Mapping[Stage, str] = {
     Stage.UNDISTORT: "Undistorting",
     Stage.LOAD: "Loading views",
     Stage.PHOTOGRAPHS: "Taking photographs",
+    Stage.FRAMES: "Taking frames, by seconds",
     Stage.COMPILE: "Compiling kernels, once",
     Stage.TRAINING: "Training",
     Stage.EVALUATE: "Rendering held-out views",

@@ -59,7 +59,7 @@ def read_priors(file: BinaryIO) -> PhotographPriors:
     embedded = read_embedded(file)
     exif, gps = _tags(embedded.exif, IFD.Exif), _tags(embedded.exif, IFD.GPSInfo)
     xmp = _xmp(embedded.xmp)
-    fix, exif_doubtful = _position(
+    fix, exif_doubtful = plausible_position(
         _degrees(gps, GPS.GPSLatitudeRef, GPS.GPSLatitude, "NS"),
         _degrees(gps, GPS.GPSLongitudeRef, GPS.GPSLongitude, "EW"),
     )
@@ -67,7 +67,7 @@ def read_priors(file: BinaryIO) -> PhotographPriors:
     if fix is None:
         # DJI writes both spellings, by model and firmware.
         longitude = _number(xmp.get("GpsLongitude", xmp.get("GpsLongtitude")))
-        fix, xmp_doubtful = _position(_number(xmp.get("GpsLatitude")), longitude)
+        fix, xmp_doubtful = plausible_position(_number(xmp.get("GpsLatitude")), longitude)
         doubtful = fix is None and (exif_doubtful or xmp_doubtful)
     altitude = _altitude(gps)
     if altitude is None:
@@ -121,7 +121,9 @@ def _degrees(gps: Mapping[int, Any], reference: GPS, tag: GPS, hemispheres: str)
     return -abs(value) if side == hemispheres[1] else value
 
 
-def _position(latitude: float | None, longitude: float | None) -> tuple[tuple[float, float] | None, bool]:
+def plausible_position(
+    latitude: float | None, longitude: float | None
+) -> tuple[tuple[float, float] | None, bool]:
     """The fix, and whether there was an implausible one."""
     if latitude is None and longitude is None:
         return None, False

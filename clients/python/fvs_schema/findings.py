@@ -81,6 +81,11 @@ class FindingCode(Word):
     PIXELS_AS_STORED = "pixels-as-stored"
     FAR_COORDINATES = "far-coordinates"
 
+    VIDEO_DAMAGED = "video-damaged"
+    FRAMES_BLURRED = "frames-blurred"
+    FRAMES_WITHOUT_POSITION = "frames-without-position"
+    FRAMES_WITHOUT_ALTITUDE = "frames-without-altitude"
+
     FEW_STARTS = "few-starts"
     ALREADY_TRAINED = "already-trained"
     NONE_HELD_OUT = "none-held-out"

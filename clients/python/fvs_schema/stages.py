@@ -51,6 +51,8 @@ class Stage(Word):
     CALIBRATE = "calibrate"
     PHOTOGRAPHS = "photographs"
     """Take simulated photographs."""
+    FRAMES = "frames"
+    """Take frames from a video."""
     COVERAGE = "coverage"
     INFORMATION = "information"
     FEASIBILITY = "feasibility"

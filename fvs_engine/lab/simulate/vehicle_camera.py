@@ -8,10 +8,13 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
+from PIL.ExifTags import IFD, Base
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.atomic import replacing
 from fvs_engine.geometry.geodetic import GeodeticPosition, camera_at, geodetic_from_enu
+from fvs_engine.images.metadata import PhotographPriors
+from fvs_engine.images.written_priors import prior_tags
 from fvs_engine.lab.simulate.camera import SimulatedCamera
 from fvs_engine.lab.simulate.scenery import Scenery
 from fvs_engine.lab.simulate.vehicle import Vehicle
@@ -23,7 +26,6 @@ _BLURRED_M = 0.005
 """Way in the exposure time from which a photograph is blurred."""
 _MIDDLE_GREY, _DARK, _MOST_EV = 0.18, 1e-3, 4.0
 _BEGAN = datetime(2026, 1, 1, 12, tzinfo=UTC)
-_GPS_IFD, _EXIF_IFD, _FOCAL_LENGTH_35MM, _TAKEN_AT = 0x8825, 0x8769, 0xA405, 0x9003
 
 
 @dataclass
@@ -70,10 +72,12 @@ class VehicleCamera:
         # The sidecar first: a photograph that exists has its metadata.
         with replacing(path.with_name(f"{name}.json")) as temporary:
             temporary.write_text(json.dumps(sidecar), encoding="utf-8")
+        position = (fix.latitude_deg, fix.longitude_deg, fix.altitude_m)
+        exif, _ = prior_tags(PhotographPriors(*position, captured_at=taken_at))
+        camera = self.scenery.camera
+        exif.get_ifd(IFD.Exif)[Base.FocalLengthIn35mmFilm] = round(36.0 * camera.fx / camera.width)
         with replacing(path) as temporary:
-            Image.fromarray(pixels).save(
-                temporary, format="JPEG", quality=_JPEG_QUALITY, exif=self._exif(fix, taken_at)
-            )
+            Image.fromarray(pixels).save(temporary, format="JPEG", quality=_JPEG_QUALITY, exif=exif)
         self._number += 1
         if self.truth is not None:
             self._tell_truth(self.truth, name, vehicle)
@@ -104,20 +108,3 @@ class VehicleCamera:
     def _light(self, vehicle: Vehicle, after_s: float) -> NDArray[np.float64]:
         position = vehicle.position + vehicle.velocity * after_s
         return self.scenery.light(camera_at(position, vehicle.yaw_deg, vehicle.pitch_deg))
-
-    def _exif(self, fix: GeodeticPosition, taken_at: datetime) -> Image.Exif:
-        exif = Image.Exif()
-        camera = self.scenery.camera
-        more = exif.get_ifd(_EXIF_IFD)
-        more[_FOCAL_LENGTH_35MM] = round(36.0 * camera.fx / camera.width)
-        more[_TAKEN_AT] = taken_at.strftime("%Y:%m:%d %H:%M:%S")
-        gps = exif.get_ifd(_GPS_IFD)
-        gps[1], gps[2] = "N" if fix.latitude_deg >= 0 else "S", _sexagesimal(abs(fix.latitude_deg))
-        gps[3], gps[4] = "E" if fix.longitude_deg >= 0 else "W", _sexagesimal(abs(fix.longitude_deg))
-        gps[5], gps[6] = (b"\0" if fix.altitude_m >= 0 else b"\1"), abs(fix.altitude_m)
-        return exif
-
-
-def _sexagesimal(degrees: float) -> tuple[float, float, float]:
-    minutes = degrees % 1.0 * 60.0
-    return float(int(degrees)), float(int(minutes)), minutes % 1.0 * 60.0

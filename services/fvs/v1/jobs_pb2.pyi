@@ -57,6 +57,7 @@ class Stage(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     STAGE_EXPERIMENT: _ClassVar[Stage]
     STAGE_CALIBRATE: _ClassVar[Stage]
     STAGE_PHOTOGRAPHS: _ClassVar[Stage]
+    STAGE_FRAMES: _ClassVar[Stage]
     STAGE_COVERAGE: _ClassVar[Stage]
     STAGE_INFORMATION: _ClassVar[Stage]
     STAGE_FEASIBILITY: _ClassVar[Stage]
@@ -112,6 +113,7 @@ STAGE_SELECT: Stage
 STAGE_EXPERIMENT: Stage
 STAGE_CALIBRATE: Stage
 STAGE_PHOTOGRAPHS: Stage
+STAGE_FRAMES: Stage
 STAGE_COVERAGE: Stage
 STAGE_INFORMATION: Stage
 STAGE_FEASIBILITY: Stage

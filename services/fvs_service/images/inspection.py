@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from pathlib import Path
 
-import numpy as np
 from PIL import Image
 
 from fvs_engine.images.focal import focal_length_px
@@ -23,17 +22,11 @@ from fvs_engine.images.limits import (
 from fvs_engine.images.masks import mask_of
 from fvs_engine.images.metadata import PhotographPriors, read_priors
 from fvs_engine.images.pixels import decode
+from fvs_engine.images.sharpness import SHARP, measure_sharpness
 from fvs_schema.images import ImageWarning, Verdict
 from fvs_schema.quantities import MIN_SIDE_PX
 from fvs_schema.service import Limits
 
-SHARP = 0.25
-"""Images below this ``sharpness`` are blurred: photographs of ten scenes have 0.5 to 3.0, and 0.07 to 0.18
-after a Gaussian blur of 2 px (of 1024)."""
-_SHARPNESS_SIDE_PX = 1024
-_REDUCING_GAP = 1.5
-"""Larger images are first reduced by an integer factor to at least this multiple of that size: this halves
-the time, and changes the sharpness by a few per cent."""
 _BAND_ROWS = 256
 """Rows that are hashed at a time."""
 
@@ -123,26 +116,6 @@ def inspect_mask(folder: Path, name: str) -> MaskProblem | None:
     except UnusableImageError as error:
         return MaskProblem(_sentence(error.message), error.hint)
     return None
-
-
-def measure_sharpness(image: Image.Image) -> float:
-    """The gradient energy of an image at its finest scale relative to the next coarser one.
-
-    The image is reduced to 1024 px. In a smooth image halving doubles every gradient, so that their energy
-    grows fourfold: its sharpness is 0, whatever it shows. Detail at the finest scale increases it. Flat
-    images have 1: nothing shows that they are blurred.
-    """
-    grey = image.convert("L")
-    grey.thumbnail((_SHARPNESS_SIDE_PX, _SHARPNESS_SIDE_PX), Image.Resampling.LANCZOS, _REDUCING_GAP)
-    half = grey.resize((max(2, grey.width // 2), max(2, grey.height // 2)), Image.Resampling.BOX)
-    fine, coarse = _gradient_energy(grey), _gradient_energy(half)
-    return 1.0 if coarse < 1.0 else max(0.0, min(9.0, 4.0 * fine / coarse - 1.0))
-
-
-def _gradient_energy(image: Image.Image) -> float:
-    values = np.asarray(image, dtype=np.float32)
-    down, across = np.diff(values, axis=0), np.diff(values, axis=1)
-    return float(np.mean(down**2) + np.mean(across**2)) if min(values.shape) > 1 else 0.0
 
 
 def _hash_of_pixels(image: Image.Image) -> str:
