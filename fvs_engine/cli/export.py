@@ -64,7 +64,11 @@ def export(
     epsg: Annotated[
         int | None,
         typer.Option(
-            min=1, metavar="CODE", help="A projected CRS for points.", show_default="UTM, at the poles UPS"
+            min=1,
+            max=999_999,
+            metavar="CODE",
+            help="A projected CRS for points.",
+            show_default="UTM, at the poles UPS",
         ),
     ] = None,
     geoid: Annotated[

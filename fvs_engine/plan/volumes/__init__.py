@@ -39,6 +39,6 @@ def volume_from_json(text: str | bytes) -> AnyVolume:
         return _VOLUME.validate_json(text)
     except ValidationError as error:
         raise InvalidInputError(
-            f"The volume cannot be used: {first_error(error, 'the volume')}",
+            f"The volume cannot be used: {first_error(error, 'the volume')}.",
             hint="A volume is a box, cylinder, prism, shell or corridor with a positive extent.",
         ) from error

@@ -63,7 +63,7 @@ def _moved(volume: volumes.Volume, frame: WorldFrame, what: str) -> AnyVolume:
         return _of_engine(volume).moved(frame.model_from_world)
     except ValidationError as error:
         raise InvalidRequestError(
-            f"{what} cannot be used in the model frame: {first_error(error, 'its numbers')}",
+            f"{what} cannot be used in the model frame: {first_error(error, 'its numbers')}.",
             hint="Give a volume of the size of the scene, in coordinates of its world frame.",
         ) from error
 
