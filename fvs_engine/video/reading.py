@@ -10,6 +10,7 @@ import av
 from av.container import InputContainer
 from av.error import FFmpegError
 from av.stream import Discard, Disposition
+from av.video.reformatter import Colorspace
 from av.video.stream import VideoStream
 from PIL import Image
 
@@ -24,6 +25,9 @@ _DAMAGE = (FFmpegError, OSError)
 """What is raised for a video that is damaged, or on a disk that is."""
 _THREADS = 4
 """Threads that decode, each with frames of its own: on machines of many cores all would need gigabytes."""
+_UNTOLD_COLORS = 2
+"""The colour space of frames that do not tell theirs."""
+_HD_WIDTH_PX = 1280
 _MISSING_S = 1.0
 """How much earlier than its header says the pictures of a whole video may end: its sound may be longer."""
 
@@ -138,9 +142,14 @@ def _opened(path: Path) -> Iterator[InputContainer]:
 
 
 def upright_image(frame: av.VideoFrame) -> Image.Image:
-    """A frame in RGB, turned as the header of its video says."""
+    """A frame in RGB, turned as the header of its video says.
+
+    One of HD or more that does not say how its colours are coded has those of HD, as players have it.
+    """
     turn = getattr(Image.Transpose, f"ROTATE_{frame.rotation % 360}", None)
-    image = Image.fromarray(frame.to_ndarray(format="rgb24"))
+    untold = frame.colorspace == _UNTOLD_COLORS and max(frame.width, frame.height) >= _HD_WIDTH_PX
+    rgb = frame.reformat(format="rgb24", src_colorspace=Colorspace.ITU709 if untold else None)
+    image = Image.fromarray(rgb.to_ndarray())
     return image if turn is None else image.transpose(turn)
 
 

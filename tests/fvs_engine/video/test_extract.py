@@ -6,6 +6,8 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from av import VideoFrame
+from av.video.reformatter import Colorspace
 from PIL import Image
 from videos import blurred, gps5, textured, write_video
 
@@ -13,6 +15,7 @@ from fvs_engine.errors import Cancelled, InvalidInputError, OutputExistsError
 from fvs_engine.images.metadata import PhotographPriors, read_priors
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.video.extract import extract_frames
+from fvs_engine.video.reading import upright_image
 from fvs_schema.findings import Finding, FindingCode
 
 TIMES = [number / 10 for number in range(21)]
@@ -105,6 +108,17 @@ def test_frames_are_turned_as_the_header_says(
         assert image.size == ((64, 48) if turned_deg % 180 == 0 else (48, 64))
         across, down = corner
         assert image.getpixel((across % image.width, down % image.height)) > (200, 200, 200)
+
+
+@pytest.mark.parametrize("told", [True, False])
+@pytest.mark.parametrize(("width", "coded"), [(1280, Colorspace.ITU709), (640, Colorspace.ITU601)])
+def test_colours_are_those_of_the_size_unless_the_video_tells(
+    width: int, coded: Colorspace, told: bool
+) -> None:
+    pixels = np.full((32, width, 3), (40, 180, 60), np.uint8)
+    frame = VideoFrame.from_ndarray(pixels, format="rgb24").reformat(format="yuv420p", dst_colorspace=coded)
+    frame.colorspace = {Colorspace.ITU709: 1, Colorspace.ITU601: 5}[coded] if told else 2
+    assert upright_image(frame).getpixel((9, 9)) == pytest.approx((40, 180, 60), abs=3)
 
 
 def test_frames_of_a_variable_rate_have_their_own_times(tmp_path: Path) -> None:
