@@ -136,9 +136,10 @@ def load_rgb(path: Path, long_side_px: int | None = None) -> NDArray[np.uint8]:
 def stored_size(path: Path) -> tuple[int, int]:
     """Width and height of the stored pixels of an image; raises ``UnusableImageError``, naming the file."""
     try:
-        with Image.open(path) as image:
+        with Image.open(path, formats=FORMATS) as image:
             return size_as_stored(image)
-    except OSError as error:  # Pillow's error for a file that is not an image derives from it
+    # Pillow's error for a file that is not an image derives from OSError, but not that for too many pixels.
+    except (OSError, Image.DecompressionBombError) as error:
         raise UnusableImageError(
             f"{path} cannot be read as an image.", hint="Replace it, or leave it out of the model.", path=path
         ) from error

@@ -228,3 +228,13 @@ def test_points_are_turned_as_pixels_are(orientation: int) -> None:
     x, y = upright_pixel(np.array([5.5, 1.5]), stored.size, orientation)
     assert upright(stored, orientation).getpixel((int(x), int(y))) == 255
     assert (x % 1, y % 1) == (0.5, 0.5)
+
+
+def test_the_size_of_what_is_no_photograph(tmp_path: Path) -> None:
+    huge = bytearray(_encode(Image.new("L", (16, 16)), "PNG"))
+    huge[16:24] = (60_000).to_bytes(4) * 2
+    huge[29:33] = zlib.crc32(huge[12:29]).to_bytes(4)
+    for name, content in (("huge.png", huge), ("a.gif", _encode(Image.new("L", (16, 16)), "GIF"))):
+        (tmp_path / name).write_bytes(content)
+        with pytest.raises(UnusableImageError, match=f"{name} cannot be read as an image"):
+            stored_size(tmp_path / name)
