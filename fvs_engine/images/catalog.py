@@ -11,10 +11,10 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.folders import require_folder
 from fvs_engine.images.focal import focal_length_px
 from fvs_engine.images.limits import ImageLimits, UnusableImageError
-from fvs_engine.images.masks import find_mask, mask_of
-from fvs_engine.images.names import is_mask
+from fvs_engine.images.masks import mask_of
 from fvs_engine.images.pixels import decode
 from fvs_engine.monitor import Monitor
+from fvs_schema.masks import find_mask, is_mask
 from fvs_schema.names import readable_name
 from fvs_schema.quantities import MIN_SIDE_PX
 from fvs_schema.stages import Stage
@@ -110,7 +110,7 @@ def catalog_images(
     masks: dict[Path, str] = {}
     for name, path in _named_files(folder, leave_out):
         suffix = path.suffix.lower()
-        if is_mask(name):
+        if is_mask(name) and suffix in SUFFIXES:
             masks[path] = name
         elif suffix in SUFFIXES and name in candidates:
             reason = "another file has this name, if bytes that are not UTF-8 are written like this."
@@ -137,7 +137,7 @@ def catalog_images(
     used = {find_mask(folder, _below(folder, path)) for path in candidates.values()} if masks else set()
     for path, name in masks.items():
         if path not in used:
-            reason = "it is in a folder of masks, and no photograph has this name."
+            reason = "it is in a folder of masks, and the mask of no photograph."
             hint = "The mask of a.jpg is masks/a.png or masks/a.jpg.png. Move photographs to another folder."
             rejected.append(RejectedImage(name, reason, hint))
     rejected.sort(key=lambda image: image.name)

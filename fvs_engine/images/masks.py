@@ -5,39 +5,20 @@ photograph with transparency, what is not opaque is left out, too. A mask in mem
 where the photograph counts, and None where all of it does.
 """
 
-from collections.abc import Iterator
-from pathlib import Path, PurePosixPath
+from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image
 
 from fvs_engine.images.limits import UnusableImageError
-from fvs_engine.images.names import MASKS
 from fvs_engine.images.pixels import LAST_OF_SAME_SIDES, orientation_of, size_as_stored, turned_as_asked
 from fvs_engine.images.unreadable import FORMATS
+from fvs_schema.masks import find_mask
 
 Mask = NDArray[np.bool_]
 
-_IMAGES = "images"
-"""The folder of photographs beside ``masks``, in datasets of COLMAP and nerfstudio."""
 _WHITE = np.uint8(255)
-
-
-def find_mask(folder: Path, name: str) -> Path | None:
-    """The file with the mask of the photograph ``name`` in ``folder``; None without one.
-
-    For ``left/a.jpg`` it is ``a.jpg.png`` or ``a.png`` in ``left/masks`` or ``masks/left``. The masks of a
-    folder ``images`` may also be in a folder ``masks`` beside it.
-    """
-    for place in _places(folder, PurePosixPath(name)):
-        if (file := place.with_name(f"{place.name}.png")).is_file():
-            return file
-        file = place.with_suffix(".png")
-        # `a.png` is the mask of `a.jpg`, but `a.jpg.png` not that of `a.jpg.tif` where there is an `a.jpg`.
-        if file.is_file() and not (folder / name).with_name(file.stem).is_file():
-            return file
-    return None
 
 
 def read_mask(folder: Path, name: str, *, turn: bool = False) -> Mask | None:
@@ -83,17 +64,6 @@ def write_mask(mask: Mask, file: Path) -> None:
     """Write the mask as a PNG; raises ``OSError``."""
     file.parent.mkdir(parents=True, exist_ok=True)
     Image.fromarray(mask.astype(np.uint8) * _WHITE).save(file, format="PNG")
-
-
-def _places(folder: Path, name: PurePosixPath) -> Iterator[Path]:
-    """Where masks may be: the paths that they have but for the suffix, the nearest first."""
-    for depth in reversed(range(len(name.parts))):
-        masks, rest = folder.joinpath(*name.parts[:depth], MASKS), name.parts[depth:]
-        yield masks.joinpath(*rest)
-        if rest[0] == _IMAGES and len(rest) > 1:
-            yield masks.joinpath(*rest[1:])
-    if folder.absolute().name == _IMAGES:
-        yield folder.absolute().parent / MASKS / name
 
 
 def _read(photograph: Path, file: Path | None, turn: bool) -> Mask | None:

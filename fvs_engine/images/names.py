@@ -15,21 +15,13 @@ from pathlib import Path, PurePosixPath
 
 from fvs_engine.errors import InvalidInputError
 from fvs_schema.findings import Finding, FindingCode, Severity
+from fvs_schema.masks import is_mask
 from fvs_schema.names import readable_name
 
 _LISTED = 8
 _IMAGE_SUFFIX = re.compile(r"\.(?:jpe?g|jpe|mpo|png|tiff?|webp|bmp)$")
 _CHARACTER_SETS = ("gb18030", "cp932", "big5", "cp949", "cp1252", "cp1251", "cp437")
 """Those in which programs on Windows write names."""
-
-
-MASKS = "masks"
-"""The folder of masks, beside photographs."""
-
-
-def is_mask(name: str) -> bool:
-    """Whether the file of that path below a folder of photographs is a mask."""
-    return MASKS in PurePosixPath(name).parts[:-1]
 
 
 def listed(names: Sequence[str]) -> str:

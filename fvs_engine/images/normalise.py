@@ -16,9 +16,9 @@ from PIL.PngImagePlugin import PngInfo
 from fvs_engine.images.catalog import Photograph
 from fvs_engine.images.embedded import read_embedded
 from fvs_engine.images.masks import read_mask, write_mask
-from fvs_engine.images.names import MASKS
 from fvs_engine.images.pixels import decode
 from fvs_engine.monitor import Monitor
+from fvs_schema.masks import MASKS
 from fvs_schema.stages import Stage
 
 _SUFFIXES = {"JPEG": (".jpg", ".jpeg", ".jpe"), "MPO": (".jpg", ".jpeg", ".jpe"), "PNG": (".png",)}
@@ -54,7 +54,7 @@ def normalise_images(
 ) -> Mapping[str, Path]:
     """Fill ``folder`` with the photographs, and return normalised name → path in the order given.
 
-    Their masks go to the folder ``masks`` beside it, where ``masks.find_mask`` finds them.
+    Their masks go to the folder ``masks`` beside it, where ``find_mask`` finds them.
 
     A plain file is hard-linked (copied where that is not possible), so that its metadata and its bytes
     survive. Another one is decoded and encoded again with its EXIF, without the orientation, and its XMP:

@@ -10,13 +10,14 @@ from numpy.typing import NDArray
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.folders import require_folder
 from fvs_engine.images.catalog import SUFFIXES
-from fvs_engine.images.names import is_mask, match_files
+from fvs_engine.images.names import match_files
 from fvs_engine.scene.sparse_points import SparsePoints, points_from_pycolmap
 from fvs_engine.sfm.colmap.imports import fit_camera, open_near
 from fvs_engine.sfm.colmap.model import from_pycolmap, has_colmap_model
 from fvs_engine.sfm.colmap.transforms_json import import_transforms_json
 from fvs_engine.views import AnyView
 from fvs_schema.findings import Finding, FindingCode
+from fvs_schema.masks import is_mask
 from fvs_schema.names import readable_name
 
 _MIN_VIEWS = 2

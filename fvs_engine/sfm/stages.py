@@ -14,8 +14,6 @@ import pycolmap
 
 from fvs_engine.errors import InvalidInputError, NativeJobError, NoImagesError
 from fvs_engine.files.atomic import write_text_atomically
-from fvs_engine.images.masks import find_mask
-from fvs_engine.images.names import MASKS
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.colmap.database import (
     delete_database,
@@ -30,6 +28,7 @@ from fvs_engine.sfm.native_process import run_native
 from fvs_engine.sfm.quarantine import CulpritError, Quarantine
 from fvs_engine.sfm.settings import SfmSettings
 from fvs_schema.findings import Finding
+from fvs_schema.masks import MASKS, find_mask
 
 _MAPPING = "mapping"
 _NOT_MAPPING = ("gate", "incremental_first_up_to")

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
 
+from fvs_schema.masks import find_mask, is_mask
 from fvs_schema.names import readable_name
 
 Paths = str | PathLike[str] | Iterable[str | PathLike[str]]
@@ -33,7 +34,6 @@ UNREADABLE_SUFFIXES = frozenset(
 """Formats that the service does not read; such files of a folder are reported as failed."""
 
 _LONGEST_NAME = 255
-_IMAGES, MASKS = "images", "masks"
 
 
 @dataclass(frozen=True)
@@ -53,8 +53,8 @@ def find_image_files(paths: Paths) -> list[ImageFile]:
     """The image files in ``paths``, each once, sorted within each folder.
 
     A folder means all images in and below it except hidden ones; names keep the folders in between
-    (``left_0001.jpg``). Files in a folder ``masks`` are no images, but their masks (see ``mask_of``). Raises
-    ``FileNotFoundError`` for a path that does not exist.
+    (``left_0001.jpg``). Files in a folder ``masks`` are no images, but their masks (see ``find_mask``).
+    Raises ``FileNotFoundError`` for a path that does not exist.
     """
     listed = [paths] if isinstance(paths, str | PathLike) else list(paths)
     found: dict[Path, ImageFile] = {}
@@ -74,35 +74,18 @@ def _files_in(folder: Path) -> list[ImageFile]:
     )
     return [
         ImageFile(
-            folder / file, scene_name(file.parts), file.suffix.lower() in SUFFIXES, mask_of(folder, file)
+            folder / file,
+            scene_name(file.parts),
+            file.suffix.lower() in SUFFIXES,
+            find_mask(folder, file.as_posix()),
         )
         for file in inside
-        if MASKS not in file.parts[:-1] and not any(part.startswith(".") for part in file.parts)
+        if not is_mask(file.as_posix()) and not any(part.startswith(".") for part in file.parts)
     ]
 
 
 def _named(path: Path) -> ImageFile:
-    return ImageFile(path, scene_name([path.name]), mask=mask_of(path.parent, Path(path.name)))
-
-
-def mask_of(folder: Path, file: Path) -> Path | None:
-    """The mask of ``file`` in ``folder``, where the engine finds those of its photographs; None without one.
-
-    For ``left/a.jpg`` it is ``a.jpg.png`` or ``a.png`` in ``left/masks`` or ``masks/left``. The masks of a
-    folder ``images`` may also be in a folder ``masks`` beside it.
-    """
-    places = []
-    for depth in reversed(range(len(file.parts))):
-        masks, rest = folder.joinpath(*file.parts[:depth], MASKS), file.parts[depth:]
-        places.append(masks.joinpath(*rest))
-        if rest[0] == _IMAGES and len(rest) > 1:
-            places.append(masks.joinpath(*rest[1:]))
-    if folder.absolute().name == _IMAGES:
-        places.append(folder.absolute().parent / MASKS / file)
-    found = (
-        mask for place in places for mask in (place.with_name(f"{place.name}.png"), place.with_suffix(".png"))
-    )
-    return next((mask for mask in found if mask.is_file()), None)
+    return ImageFile(path, scene_name([path.name]), mask=find_mask(path.parent, path.name))
 
 
 def scene_name(parts: Sequence[str]) -> str:

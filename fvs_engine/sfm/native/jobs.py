@@ -11,7 +11,6 @@ import numpy as np
 import pycolmap
 
 from fvs_engine.images.masks import read_mask, write_mask
-from fvs_engine.images.names import MASKS
 from fvs_engine.sfm.colmap.database import delete_database, image_ids, remove_images
 from fvs_engine.sfm.jobs import (
     CalibrateViewGraph,
@@ -28,6 +27,7 @@ from fvs_engine.sfm.native.mapper_options import mapper_options, thread_count
 from fvs_engine.sfm.native.matching import match
 from fvs_engine.sfm.native.pose_review import PoseReview
 from fvs_engine.sfm.native.robust_adjustment import RobustAdjustment, remove_outliers
+from fvs_schema.masks import MASKS
 
 _TINY = 1e-7
 """A coefficient that moves no pixel by a thousandth, and that COLMAP does not take for zero."""

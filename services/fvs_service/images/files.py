@@ -7,10 +7,10 @@ import contextlib
 from collections.abc import Iterable
 from pathlib import Path
 
-from fvs_engine.images.names import MASKS
 from fvs_engine.wording import notice
 from fvs_schema.findings import Finding, Notice
 from fvs_schema.images import Image
+from fvs_schema.masks import MASKS
 from fvs_service.engine_errors import without_folders
 from fvs_service.errors import NotFoundError
 from fvs_service.storage.blob_keys import image_key, mask_key

@@ -103,7 +103,7 @@ def inspect(path: Path, limits: ImageLimits) -> Inspection:
 
 @dataclass(frozen=True)
 class MaskProblem:
-    """Why a mask cannot be used, as a sentence, and the remedy."""
+    """Why a mask cannot be used, in the engine's words, and the remedy."""
 
     reason: str
     hint: str
@@ -114,7 +114,7 @@ def inspect_mask(folder: Path, name: str) -> MaskProblem | None:
     try:
         mask_of(folder, name)
     except UnusableImageError as error:
-        return MaskProblem(_sentence(error.message), error.hint)
+        return MaskProblem(error.message, error.hint)
     return None
 
 

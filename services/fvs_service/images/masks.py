@@ -9,9 +9,9 @@ from pathlib import Path
 
 from sqlalchemy.orm import Session
 
-from fvs_engine.images.names import MASKS
 from fvs_schema.error_codes import FieldError
 from fvs_schema.images import Image
+from fvs_schema.masks import MASKS
 from fvs_service.errors import InvalidRequestError
 from fvs_service.images import repository
 from fvs_service.images.exclusion import accepted_image
@@ -86,9 +86,9 @@ class Masks:
             (folder / MASKS / f"{name}.png").hardlink_to(mask)
             problem = self._inspector.mask_problem(folder, name)
         if problem is not None:
-            reason = problem.reason.replace(f"{MASKS}/{name}.png", "")
+            reason = problem.reason.replace(f" {MASKS}/{name}.png", "").replace("its mask", "it")
             raise InvalidRequestError(
-                f"The mask of {image.name} cannot be used: {reason}".replace("  ", " "),
+                f"The mask of {image.name} cannot be used: {reason}",
                 hint=problem.hint,
                 errors=[FieldError("mask", reason)],
             )

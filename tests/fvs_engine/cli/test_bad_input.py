@@ -258,6 +258,6 @@ def test_masks_that_cannot_be_used_leave_their_photographs_out(fvs: Fvs, folder:
     for fragment in (
         "small.jpg: its mask masks/small.png has 100×100 px, the photograph 320×240 px",
         "black.jpg: its mask leaves out every pixel",
-        "masks/lots.png: it is in a folder of masks, and no photograph has this name",
+        "masks/lots.png: it is in a folder of masks, and the mask of no photograph",
     ):
         assert fragment in " ".join(run.stderr.split())

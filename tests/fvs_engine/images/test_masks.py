@@ -7,9 +7,10 @@ from PIL import Image
 
 from fvs_engine.images.catalog import ImageCatalog, catalog_images
 from fvs_engine.images.limits import UnusableImageError
-from fvs_engine.images.masks import find_mask, read_mask, reduced_mask
+from fvs_engine.images.masks import read_mask, reduced_mask
 from fvs_engine.images.normalise import normalise_images
 from fvs_engine.images.pixels import load_rgb
+from fvs_schema.masks import find_mask
 
 SIZE = (64, 48)
 LEFT = np.tile(np.arange(64) < 20, (48, 1))
@@ -178,15 +179,17 @@ def test_masks_that_cannot_be_used(tmp_path: Path) -> None:
     _mask(tmp_path / "masks" / "d.png", LEFT.T)
     _mask(tmp_path / "masks" / "nobody.png")
     _mask(tmp_path / "masks" / "d.jpg")
+    (tmp_path / "masks" / "classes.txt").touch()
     catalog = catalog_images(tmp_path)
     assert not catalog.photographs
+    assert catalog.ignored == ("masks/classes.txt",)
     reasons = _rejected(catalog)
     assert reasons.pop("a.jpg") == "its mask masks/a.png has 10×10 px, the photograph 64×48 px."
     assert reasons.pop("b.jpg") == "its mask leaves out every pixel."
     assert reasons.pop("c.jpg") == "its mask masks/c.png cannot be read as a PNG."
     assert "48×64 px" in reasons.pop("d.jpg")
-    assert "no photograph has this name" in reasons.pop("masks/nobody.png")
-    assert "no photograph has this name" in reasons.pop("masks/d.jpg")
+    assert "the mask of no photograph" in reasons.pop("masks/nobody.png")
+    assert "the mask of no photograph" in reasons.pop("masks/d.jpg")
     assert not reasons
     with pytest.raises(UnusableImageError, match="every pixel"):
         read_mask(tmp_path, "b.jpg")

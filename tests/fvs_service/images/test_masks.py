@@ -83,9 +83,9 @@ def test_a_mask_goes_with_its_image(gateway: Any, photograph: Photograph) -> Non
 @pytest.mark.parametrize(
     ("mask", "reason"),
     [
-        (png(size=(48, 32)), "48×32 px, the photograph 96×64 px"),
-        (png(np.zeros((64, 96), dtype=bool)), "leaves out every pixel"),
-        (b"no PNG", "cannot be read as a PNG"),
+        (png(size=(48, 32)), "it has 48×32 px, the photograph 96×64 px."),
+        (png(np.zeros((64, 96), dtype=bool)), "it leaves out every pixel."),
+        (b"no PNG", "it cannot be read as a PNG."),
     ],
     ids=["another size", "everything", "no PNG"],
 )
@@ -94,7 +94,8 @@ def test_masks_that_cannot_be_used(gateway: Any, photograph: Photograph, mask: b
     before = gateway.put(scene, content).json()
     refused = gateway.client.put(path_of(scene, content), content=mask)
     assert (refused.status_code, refused.json()["code"]) == (422, "invalid-request")
-    assert reason in refused.json()["detail"]
+    assert refused.json()["detail"].endswith(f" cannot be used: {reason}")
+    assert refused.json()["errors"] == [{"field": "mask", "message": reason}]
     assert "masks/" not in refused.text
     assert refused.json()["hint"]
     assert gateway.client.get(path_of(scene, content, "")).json() == before

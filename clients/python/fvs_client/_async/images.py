@@ -32,10 +32,10 @@ class AsyncSceneImages:
         """Upload image files, and folders with all images in them, ``parallel`` of them at a time.
 
         Images that the scene has are not sent, so that repeating an interrupted upload resumes it. An image's
-        mask is sent after it (see ``image_files.mask_of``). A file that fails is in the report and does not
-        stop the others. ``describe`` returns metadata of a file (a position, a name). ``on_progress`` is
-        called by one thread at a time: of ``Client`` by its upload threads, of ``AsyncClient`` by the event
-        loop's.
+        mask is sent after it (see ``fvs_schema.masks.find_mask``). A file that fails is in the report and
+        does not stop the others. ``describe`` returns metadata of a file (a position, a name).
+        ``on_progress`` is called by one thread at a time: of ``Client`` by its upload threads, of
+        ``AsyncClient`` by the event loop's.
         """
         return await uploading.upload(
             self._session,

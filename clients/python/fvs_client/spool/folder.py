@@ -6,7 +6,8 @@ from collections.abc import Callable, Container, Iterator, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
-from fvs_client.image_files import MASKS, SUFFIXES, UNREADABLE_SUFFIXES, scene_name
+from fvs_client.image_files import SUFFIXES, UNREADABLE_SUFFIXES, scene_name
+from fvs_schema.masks import MASKS
 
 
 @dataclass(frozen=True, slots=True)

@@ -4,10 +4,8 @@ import json
 import os
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
-from fvs_client.image_files import mask_of
 from fvs_client.spool.answers import DAMAGED, RefusedError, require_success
 from fvs_client.spool.connection import Connection, UnreadableFileError
 from fvs_client.spool.errors import LinkError
@@ -15,6 +13,7 @@ from fvs_client.spool.outbox import FILE_MISSING, Outbox
 from fvs_client.spool.photograph import Photograph, Refusal
 from fvs_client.spool.resumable import ResumableCarrier
 from fvs_client.spool.taking import digest_of
+from fvs_schema.masks import find_mask
 
 _ACCEPTED = "accepted"
 _USABLE = frozenset({_ACCEPTED, "duplicate"})
@@ -101,7 +100,7 @@ class Sender:
 
     def _refusal_of_mask(self, photograph: Photograph) -> Refusal | None:
         """Send the mask of an image that the scene has, if there is one; why the service will not take it."""
-        mask = mask_of(photograph.path.parent, Path(photograph.path.name))
+        mask = find_mask(photograph.path.parent, photograph.path.name)
         if mask is None:
             return None
         path = f"/v1/scenes/{photograph.scene}/images/sha256:{photograph.digest}/mask"

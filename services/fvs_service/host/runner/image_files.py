@@ -6,12 +6,12 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from fvs_engine.images.catalog import catalog_images
-from fvs_engine.images.names import MASKS
 from fvs_engine.images.normalise import normalise_images
 from fvs_engine.monitor import Monitor
 from fvs_engine.sfm.stages import fresh_folder
 from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.images import Image
+from fvs_schema.masks import MASKS
 from fvs_service.images.files import ARRIVALS, READY, export_images, file_name
 from fvs_service.storage.blobs import Blobs
 

@@ -14,8 +14,8 @@ from sqlalchemy.orm import Session
 
 from fvs_engine.errors import OutputExistsError, StorageError
 from fvs_engine.files.lock import locked_folder
-from fvs_engine.images.names import MASKS
 from fvs_schema.events import EventKind
+from fvs_schema.masks import MASKS
 from fvs_service.application import Storage
 from fvs_service.events.repository import last_number
 from fvs_service.images.files import ARRIVALS, IMAGES, READY, file_stem
