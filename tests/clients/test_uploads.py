@@ -249,3 +249,18 @@ def test_masks_are_sent_after_their_images(client: Client, photographs: Path) ->
     (image,) = (image for image in scene.images.list() if image.mask)
     assert image.name == "a.JPG"
     assert scene.images.remove_mask(image.digest).mask is None
+
+
+def test_masks_of_images_that_are_not_used_are_not_sent(client: Client, photographs: Path) -> None:
+    (photographs / "masks").mkdir()
+    for name in ("twin", "text"):
+        Image.new("L", (8, 8)).save(photographs / "masks" / f"{name}.png")
+    (photographs / "twin.jpg").write_bytes((photographs / "a.JPG").read_bytes() + b"\0")
+    (photographs / "text.jpg").write_text("no image")
+    scene = client.scenes.create("quarry")
+    scene.images.upload(photographs / "a.JPG")
+    for _ in range(2):
+        report = scene.images.upload(photographs)
+        assert not report.failed
+        verdicts = {file.path.name: file.image.verdict.value for file in report.files if file.image}
+        assert (verdicts["twin.jpg"], verdicts["text.jpg"]) == ("duplicate", "unreadable")

@@ -12,6 +12,7 @@ from fvs_client._async.concurrency import map_concurrently, run_blocking
 from fvs_client._async.session import AsyncSession
 from fvs_client.answers import parse
 from fvs_client.errors import (
+    ConflictError,
     ForbiddenError,
     FvsError,
     NotFoundError,
@@ -144,6 +145,8 @@ class _Uploader:
             return replace(there, image=await self._session.fetch(Image, request))
         except (UnauthenticatedError, ForbiddenError):
             raise
+        except ConflictError:  # the image is not used, as its verdict says
+            return there
         except (FvsError, OSError) as error:
             return replace(there, outcome=Outcome.FAILED, error=error)
 

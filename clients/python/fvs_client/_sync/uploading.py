@@ -13,6 +13,7 @@ from fvs_client._sync.concurrency import map_concurrently, run_blocking
 from fvs_client._sync.session import Session
 from fvs_client.answers import parse
 from fvs_client.errors import (
+    ConflictError,
     ForbiddenError,
     FvsError,
     NotFoundError,
@@ -143,6 +144,8 @@ class _Uploader:
             return replace(there, image=self._session.fetch(Image, request))
         except (UnauthenticatedError, ForbiddenError):
             raise
+        except ConflictError:  # the image is not used, as its verdict says
+            return there
         except (FvsError, OSError) as error:
             return replace(there, outcome=Outcome.FAILED, error=error)
 

@@ -120,9 +120,7 @@ def _in_volume(path: Path, count: int | None, aim: str | None, *, level: bool) -
 
 def _read(path: Path, kind: pydantic.TypeAdapter[T], form: str) -> T:
     try:
-        document = json.loads(
-            path.read_bytes()
-        )  # in any encoding of Unicode, with or without a byte order mark
+        document = json.loads(path.read_bytes())  # UTF-8, -16 or -32, with a byte order mark or without
     except ValueError as error:
         raise typer.BadParameter(f"{path}: It is no JSON: {error}. Write {form}.") from error
     try:
