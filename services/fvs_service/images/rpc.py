@@ -16,6 +16,7 @@ from fvs_service.gateway.rpc.requests import digest_of
 from fvs_service.images.rpc_uploads import ImageUpload
 from fvs_service.images.uploads import PartialUpload
 from fvs_service.principal import Principal, Scope
+from fvs_service.uninterrupted import to_its_end
 
 
 class ImageServicer:
@@ -64,12 +65,15 @@ class ImageServicer:
         """Use an image again."""
         return self._app.exclusions.include(caller, request.scene_id, digest_of(request))
 
-    def set_mask(self, caller: Principal, request: pb.SetMaskRequest) -> Image:
+    async def set_mask(self, _call: Call, caller: Principal, request: pb.SetMaskRequest) -> Image:
         """Give an image a mask."""
-        self._app.scenes.require(caller, Scope.UPLOAD, request.scene_id)
+        await run_sync(self._app.scenes.require, caller, Scope.UPLOAD, request.scene_id)
+        digest = digest_of(request)
         with self._app.uploads.receive() as receiver:
-            receiver.write(request.mask)
-            return self._app.masks.set(caller, request.scene_id, digest_of(request), receiver.finish())
+            await run_sync(receiver.write, request.mask)
+            mask = receiver.finish()
+            async with self._app.inspection_turns.turn(caller):
+                return await to_its_end(run_sync(self._app.masks.set, caller, request.scene_id, digest, mask))
 
     def remove_mask(self, caller: Principal, request: pb.RemoveMaskRequest) -> Image:
         """Take the mask of an image away."""
