@@ -213,8 +213,9 @@ def _failure(
             hint="Take photographs that overlap by two thirds, of something with texture.",
         )
     if not candidates:
+        pairs = "1 pair" if verified == 1 else f"{verified} pairs"
         return ReconstructionError(
-            f"{verified} pairs of images match, but they support no model ({shown}).",
+            f"The images support no model, although {pairs} of them match ({shown}).",
             hint="Add photographs from in between, taken from different places rather than by turning.",
         )
     reasons = "; ".join(

@@ -322,7 +322,8 @@ def _require_image_type(request: Request) -> None:
     kind = request.headers.get("content-type", "application/octet-stream").partition(";")[0].strip().lower()
     if kind != "application/octet-stream" and not kind.startswith("image/"):
         raise UnsupportedMediaTypeError(
-            f"The body is {kind}.", hint="Send the bytes as image/jpeg or application/octet-stream."
+            f"The body is {kind}.",
+            hint="Send the bytes as application/octet-stream or an image's type.",
         )
 
 
