@@ -377,6 +377,7 @@ AGAINST = {
     CandidateStatus.IN_MATTER: "inside matter",
     CandidateStatus.TOO_CLOSE: "too close to matter",
     CandidateStatus.NO_FLY: "in a no-fly zone",
+    CandidateStatus.UNDER_GROUND: "under the ground",
     CandidateStatus.OUT_OF_MODEL: "out of the model",
     CandidateStatus.UNREGISTRABLE: "unlikely to be registered",
 }

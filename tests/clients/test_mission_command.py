@@ -100,6 +100,10 @@ def test_a_height_model_is_the_ground_of_rankings_and_plans(run: Run, gateway: A
     assert all(height > 0.0 for height in heights)
     with rasterio.open(dem, "r+") as file:
         file.write(np.full((1, 400, 400), first + 7.0, dtype=np.float32))
+    asked = ("rank", scene, "--generator", "orbit", "--count", 4, "--terrain", dem, "--json")
+    statuses = {item["status"] for item in json.loads(run(*asked).stdout)["candidates"]}
+    assert "under-ground" in statuses
+    assert "ranked" not in statuses
     refused = run("mission", ranking["id"], *over, "--format", "csv", "--first", 1, expect=3).stderr
     assert "it is under ground: 7.0 m below the terrain" in refused
     said = run("mission", ranking["id"], "--terrain", dem, expect=2).stderr

@@ -4,6 +4,7 @@ from typing import Any
 
 import pytest
 
+from fvs_schema.scenes import AltitudeDatum
 from fvs_schema.terrain import NO_HEIGHT_M, Terrain
 
 
@@ -50,6 +51,15 @@ def test_the_grid_may_cross_the_antimeridian() -> None:
     assert [place[1] for _, place in way] == pytest.approx([179.9, -180.0, -179.9])
 
 
+def test_a_raised_ground_keeps_its_holes() -> None:
+    heights = [10.0 * row + column for row in range(3) for column in range(4)]
+    heights[5] = NO_HEIGHT_M
+    raised = terrain(heights_m=tuple(heights)).raised(30_000.0, AltitudeDatum.TAKEOFF)
+    assert raised.altitude_datum is AltitudeDatum.TAKEOFF
+    assert raised.height_m((46.0, 7.0)) == pytest.approx(30_000.0)
+    assert raised.height_m((46.1, 7.2)) is None
+
+
 def test_a_way_is_sampled_every_half_step() -> None:
     way = list(terrain().along((46.0, 7.0), (46.2, 7.0)))
     assert [share for share, _ in way] == pytest.approx([0.0, 0.25, 0.5, 0.75, 1.0])
@@ -62,7 +72,6 @@ def test_a_way_is_sampled_every_half_step() -> None:
     [
         ({"columns": 5}, "12 heights are not two or more rows of 5"),
         ({"columns": 12}, "12 heights are not two or more rows of 12"),
-        ({"altitude_datum": "takeoff"}, "above sea-level or the ellipsoid"),
         ({"heights_m": (float("nan"),) * 12}, "finite"),
         ({"latitude_step_deg": 0.0}, "must be at least"),
     ],

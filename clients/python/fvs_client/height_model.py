@@ -60,8 +60,8 @@ class HeightModel:
     ) -> None:
         self.close()
 
-    def around(self, places: Iterable[Place]) -> Terrain:
-        """The heights around places, as fine as the file has them or a terrain can be.
+    def around(self, places: Iterable[Place], margin_m: float = 0.0) -> Terrain:
+        """The heights at places and ``margin_m`` around them, as fine as the file or a terrain can have them.
 
         Raises ``HeightModelError`` where the file has no height anywhere around them.
         """
@@ -69,6 +69,10 @@ class HeightModel:
         south_deg, north_deg = min(place[0] for place in listed), max(place[0] for place in listed)
         east = [(place[1] - listed[0][1] + 180.0) % 360.0 - 180.0 for place in listed]
         west_deg, east_deg = listed[0][1] + min(east), listed[0][1] + max(east)
+        margin_deg = margin_m / _DEGREE_M
+        around_deg = margin_deg / max(math.cos(math.radians(south_deg)), _FINEST_DEG)
+        south_deg, north_deg = south_deg - margin_deg, north_deg + margin_deg
+        west_deg, east_deg = west_deg - around_deg, east_deg + around_deg
         middle = (south_deg + north_deg) / 2.0, (west_deg + east_deg) / 2.0
         steps = self._steps_deg(middle)
         rows, columns = _counts((north_deg - south_deg, east_deg - west_deg), steps)

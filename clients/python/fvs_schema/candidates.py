@@ -36,6 +36,8 @@ class CandidateStatus(Word):
     """Nearer to matter than the safety distance, or than any photograph was: it would see only blur."""
     NO_FLY = "no-fly"
     """In a no-fly zone."""
+    UNDER_GROUND = "under-ground"
+    """Under the terrain of the request."""
     UNREGISTRABLE = "unregistrable"
     """It shares so little with the images that its photograph could hardly be registered."""
 

@@ -19,6 +19,7 @@ from fvs_schema.names import VehicleName
 from fvs_schema.poses import Pose, PoseFrame, frame_of
 from fvs_schema.quantities import WHOLE, Count, Length, Number
 from fvs_schema.scenes import Alignment, Origin
+from fvs_schema.terrain import Terrain
 from fvs_schema.words import Method
 
 _FEW_CANDIDATES = 100
@@ -74,6 +75,9 @@ class RankingRequest(CandidatesRequest):
     of the distance from which the nearest photographs saw that matter."""
     no_fly: Zones = ()
     """Volumes of the world frame that candidates stay out of, at most 20."""
+    terrain: Terrain | None = None
+    """The ground, under which candidates are `under-ground`, by the datum of the scene's altitudes; where it
+    has no height, nothing is. A ranking does not keep it."""
     rank_all: bool = False
     """Rank also candidates that are `in-matter`, `too-close`, `no-fly` or `unregistrable`; they keep that
     status."""
@@ -109,7 +113,8 @@ class RankingRequest(CandidatesRequest):
     def in_model(self) -> bool:
         """Whether all its poses are given, and come back, in the model frame."""
         poses = (*(candidate.pose for candidate in self.candidates or ()), self.current_pose)
-        given = self.candidates is not None and not self.no_fly and self.frame in (None, "model")
+        free = not self.no_fly and self.terrain is None
+        given = self.candidates is not None and free and self.frame in (None, "model")
         return given and all(pose is None or frame_of(pose) == "model" for pose in poses)
 
 

@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from itertools import product
 from typing import Annotated, Self
 
-from pydantic import Field, field_validator, model_validator
+from pydantic import Field, model_validator
 
 from fvs_schema.base import Input
 from fvs_schema.checks import of_fields
@@ -45,14 +45,7 @@ class Terrain(Input):
     heights_m: Annotated[tuple[_Height, ...], Field(min_length=4, max_length=MOST_HEIGHTS, fail_fast=True)]
     """The heights above `altitude_datum`, row by row; -32768, or any below -12000, is a hole."""
     altitude_datum: AltitudeDatum = AltitudeDatum.SEA_LEVEL
-    """What the heights are measured from: `sea-level` or `ellipsoid`."""
-
-    @field_validator("altitude_datum")
-    @classmethod
-    def _of_a_map(cls, value: AltitudeDatum) -> AltitudeDatum:
-        if value is AltitudeDatum.TAKEOFF:
-            raise ValueError("heights of a terrain are above sea-level or the ellipsoid")
-        return value
+    """What the heights are measured from."""
 
     @model_validator(mode="after")
     def _whole_rows(self) -> Self:
@@ -63,6 +56,14 @@ class Terrain(Input):
                 "columns",
             )
         return self
+
+    def raised(self, by_m: float, datum: AltitudeDatum) -> "Terrain":
+        """The same ground, its heights above another datum, which is ``by_m`` lower."""
+        heights = tuple(
+            height_m if height_m < _LOWEST_M else max(height_m + by_m, _LOWEST_M)
+            for height_m in self.heights_m
+        )
+        return self.model_copy(update={"heights_m": heights, "altitude_datum": datum})
 
     def height_m(self, place: Place) -> float | None:
         """The height of the ground at a latitude and longitude; None in a hole and outside."""

@@ -39,6 +39,7 @@ class CandidateStatus(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     CANDIDATE_STATUS_TOO_CLOSE: _ClassVar[CandidateStatus]
     CANDIDATE_STATUS_NO_FLY: _ClassVar[CandidateStatus]
     CANDIDATE_STATUS_UNREGISTRABLE: _ClassVar[CandidateStatus]
+    CANDIDATE_STATUS_UNDER_GROUND: _ClassVar[CandidateStatus]
 
 class GridLook(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -105,6 +106,7 @@ CANDIDATE_STATUS_IN_MATTER: CandidateStatus
 CANDIDATE_STATUS_TOO_CLOSE: CandidateStatus
 CANDIDATE_STATUS_NO_FLY: CandidateStatus
 CANDIDATE_STATUS_UNREGISTRABLE: CandidateStatus
+CANDIDATE_STATUS_UNDER_GROUND: CandidateStatus
 GRID_LOOK_UNSPECIFIED: GridLook
 GRID_LOOK_CENTRE: GridLook
 GRID_LOOK_DOWN: GridLook
@@ -585,7 +587,7 @@ class Generator(_message.Message):
     def __init__(self, orbit: _Optional[_Union[Orbit, _Mapping]] = ..., grid: _Optional[_Union[Grid, _Mapping]] = ..., dataset: _Optional[_Union[Dataset, _Mapping]] = ..., around_current: _Optional[_Union[AroundCurrent, _Mapping]] = ..., in_volume: _Optional[_Union[InVolume, _Mapping]] = ...) -> None: ...
 
 class RankingRequest(_message.Message):
-    __slots__ = ("candidates", "generator", "current_pose", "radius_m", "frame", "top_k", "method", "snapshot_id", "budget", "seed", "for_vehicle", "safety_m", "no_fly", "rank_all")
+    __slots__ = ("candidates", "generator", "current_pose", "radius_m", "frame", "top_k", "method", "snapshot_id", "budget", "seed", "for_vehicle", "safety_m", "no_fly", "rank_all", "terrain")
     CANDIDATES_FIELD_NUMBER: _ClassVar[int]
     GENERATOR_FIELD_NUMBER: _ClassVar[int]
     CURRENT_POSE_FIELD_NUMBER: _ClassVar[int]
@@ -600,6 +602,7 @@ class RankingRequest(_message.Message):
     SAFETY_M_FIELD_NUMBER: _ClassVar[int]
     NO_FLY_FIELD_NUMBER: _ClassVar[int]
     RANK_ALL_FIELD_NUMBER: _ClassVar[int]
+    TERRAIN_FIELD_NUMBER: _ClassVar[int]
     candidates: CandidateList
     generator: Generator
     current_pose: _poses_pb2.Pose
@@ -614,7 +617,8 @@ class RankingRequest(_message.Message):
     safety_m: float
     no_fly: _containers.RepeatedCompositeFieldContainer[Volume]
     rank_all: bool
-    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., current_pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., radius_m: _Optional[float] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., top_k: _Optional[int] = ..., method: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., budget: _Optional[int] = ..., seed: _Optional[int] = ..., for_vehicle: _Optional[str] = ..., safety_m: _Optional[float] = ..., no_fly: _Optional[_Iterable[_Union[Volume, _Mapping]]] = ..., rank_all: _Optional[bool] = ...) -> None: ...
+    terrain: Terrain
+    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., current_pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., radius_m: _Optional[float] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., top_k: _Optional[int] = ..., method: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., budget: _Optional[int] = ..., seed: _Optional[int] = ..., for_vehicle: _Optional[str] = ..., safety_m: _Optional[float] = ..., no_fly: _Optional[_Iterable[_Union[Volume, _Mapping]]] = ..., rank_all: _Optional[bool] = ..., terrain: _Optional[_Union[Terrain, _Mapping]] = ...) -> None: ...
 
 class ScoredCandidate(_message.Message):
     __slots__ = ("id", "score", "status", "coverage", "distance_m", "pose", "estimated")

@@ -1,6 +1,6 @@
 """Preparation of a ranking: the request to the runner, and everything that is known before scoring."""
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from typing import TypeAlias
@@ -19,6 +19,7 @@ from fvs_service.rankings.in_model import clearance, views_in_volume
 from fvs_service.rankings.port import GenerateViews, RankViews
 from fvs_service.rankings.pose_frames import poses_in
 from fvs_service.rankings.scene_geometry import SceneGeometry
+from fvs_service.rankings.under_ground import under_ground
 from fvs_service.scenes.poses import WorldFrame
 from fvs_service.scenes.repository import SceneHead
 from fvs_service.storage.database import Reader
@@ -93,7 +94,8 @@ class BegunRanking:
         """The ranking of candidates at ``poses`` (id → world_from_camera), which took ``spent_s`` to find."""
         request, frame, current = self.request, self.frame, self.current
         distances = _distances(poses, current)
-        excluded = _excluded(poses, distances, self.geometry, self.taken, request.radius_m)
+        below = frozenset() if request.terrain is None else under_ground(poses, frame, request.terrain)
+        excluded = _excluded(poses, distances, self.geometry, self.taken, request.radius_m, below)
         scored = {name: pose for name, pose in poses.items() if name not in excluded}
         later = {
             name: poses[name]
@@ -151,6 +153,7 @@ def _excluded(
     geometry: SceneGeometry,
     taken: Mapping[str, RigidTransform],
     radius: float | None,
+    below: Collection[str],
 ) -> dict[str, engine.RankedCandidate]:
     """The candidates that are not scored, by id; nearest first, then by id."""
     found: dict[str, engine.RankedCandidate] = {}
@@ -162,6 +165,8 @@ def _excluded(
             status = CandidateStatus.VISITED
         elif name in taken_views:
             status = CandidateStatus.TAKEN
+        elif name in below:
+            status = CandidateStatus.UNDER_GROUND
         elif radius is not None and distance is not None and distance > radius:
             status = CandidateStatus.OUT_OF_RANGE
         else:

@@ -34,6 +34,7 @@ from fvs_service.rankings.port import RankedViews, RenderView, SceneRunners, Vie
 from fvs_service.rankings.pose_frames import in_world
 from fvs_service.rankings.preparation import BegunRanking, PreparedRanking, TakenPoses, taken_cameras
 from fvs_service.rankings.snapshot_frames import SnapshotFrames
+from fvs_service.rankings.under_ground import require_datum
 from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.lease import find_endpoint
 from fvs_service.scenes.poses import WorldFrame
@@ -192,6 +193,8 @@ class Rankings:
         frame = self._frames.frame(snapshot.id, scene.origin)
         if request.frame == "geodetic":
             frame.require_origin()
+        if request.terrain is not None:
+            require_datum(request.terrain, frame)
         self._require_room()
         begun = BegunRanking(
             principal=principal,
@@ -228,7 +231,7 @@ class Rankings:
             id=new_id("rnk"),
             scene_id=scene_id,
             snapshot_id=result.snapshot_id,
-            request=request,
+            request=request.model_copy(update={"terrain": None}),
             alignment=snapshot.alignment,
             origin=prepared.scene.origin if prepared.frame.georeferenced else None,
             iterations=result.iterations,

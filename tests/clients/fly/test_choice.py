@@ -22,7 +22,7 @@ def asked(generator: Any) -> list[dict[str, Any]]:
     def rank(candidates: Any, **given: Any) -> Any:
         found.append({"candidates": candidates, **given})
         pose = given["current_pose"]
-        return SimpleNamespace(candidates=[SimpleNamespace(id="a", pose=pose)])
+        return SimpleNamespace(candidates=[SimpleNamespace(id="a", pose=pose, status=None)])
 
     state = SimpleNamespace(latitude_deg=47.0, longitude_deg=8.0, altitude_m=500.0, yaw_deg=90.0)
     vehicle = SimpleNamespace(state=state, last_state=state)
@@ -79,13 +79,21 @@ HOME = (0.001, 0.005)
 WEST, EAST, BELOW = (0.008, 0.002), (0.008, 0.008), (0.001, 0.002)
 
 
-def flying(told: list[str], **limits: Any) -> tuple[Any, SimpleNamespace]:
-    """A flight with a ranking of the views `east` and `below`, that flies at `WEST`, and its watch."""
+def flying(told: list[str], **limits: Any) -> tuple[Any, SimpleNamespace, list[Terrain | None]]:
+    """A flight with a ranking of the views `east` and `below`, that flies at `WEST`.
+
+    Its next views, its watch, and the terrains that it ranks with.
+    """
+    asked: list[Terrain | None] = []
     places = {"east": EAST, "below": BELOW}
 
     def rank(*_: Any, **given: Any) -> Any:
         pose = given["current_pose"]
-        ranked = [SimpleNamespace(id=name, rank=number, pose=pose) for number, name in enumerate(places)]
+        asked.append(given["terrain"])
+        ranked = [
+            SimpleNamespace(id=name, rank=number, pose=pose, status=None)
+            for number, name in enumerate(places)
+        ]
         return SimpleNamespace(id="rnk_1", candidates=ranked, origin=None)
 
     def mission(views: Any, *_: Any, **__: Any) -> Any:
@@ -103,13 +111,13 @@ def flying(told: list[str], **limits: Any) -> tuple[Any, SimpleNamespace]:
     log = SimpleNamespace(event=lambda _kind, text, *_, **__: told.append(text))
     settings = FlightSettings("north", 5, generator=Orbit(count=2), **limits)
     parts = (scene, vehicle, settings, watch, log)
-    return lambda: Choice(*(cast("Any", part) for part in parts)).next(1).views, watch
+    return lambda: Choice(*(cast("Any", part) for part in parts)).next(1).views, watch, asked
 
 
 def test_a_view_behind_a_notch_of_the_geofence_is_left_out() -> None:
     """Both views can be flown to from home, but the way between them leaves the geofence."""
     told: list[str] = []
-    views, watch = flying(told, mission={"geofence": NOTCHED})
+    views, watch, _ = flying(told, mission={"geofence": NOTCHED})
     assert [view.id for view in views()] == ["below"]
     assert told[0] == "east is left out: the way to it from where the vehicle is leaves the geofence."
     watch.airborne = False  # it takes off at home, from where the service has checked the way
@@ -128,11 +136,14 @@ def test_a_view_behind_a_ridge_is_left_out() -> None:
         heights_m=tuple(ridge * 12),
     )
     told: list[str] = []
-    heights = SimpleNamespace(around=lambda _: terrain)
-    views, watch = flying(told, terrain=heights)
+    heights = SimpleNamespace(around=lambda *_: terrain)
+    views, watch, asked = flying(told, terrain=heights)
     assert [view.id for view in views()] == ["below"]
     said = "east is left out: the way to it from where the vehicle is is too low over 0.008000, 0.00"
     assert told[0].startswith(said)
     assert told[0].endswith("-11.0 m above the ground.")
+    (ranked_with,) = asked
+    assert ranked_with is not None
+    assert ranked_with.height_m(WEST) == 0.0  # home is at the scene's 0 m, as the vehicle says
     watch.airborne = False
     assert [view.id for view in views()] == ["east"]

@@ -60,6 +60,7 @@ REQUESTS: Mapping[str, list[dict[str, Any]]] = {
         {**FULL, "candidates": [{"id": "a", "pose": FRAME}]},
         {**FULL, "candidates": [{"id": "a", "pose": {**FRAME, "frame": "model"}}]},
         {"candidates": [{"id": "a", "pose": VEHICLE}], "current_pose": VEHICLE},
+        {"candidates": [{"id": "a", "pose": VEHICLE}], "terrain": TERRAIN},
         {
             **FULL,
             "generator": {

@@ -130,6 +130,7 @@ class Scene(Resource, SceneData):
         radius_m: float | None = None,
         safety_m: float | None = None,
         no_fly: Iterable[Volume] | None = None,
+        terrain: Terrain | None = None,
         rank_all: bool = False,
         frame: PoseFrame | None = None,
         top_k: int | None = None,
@@ -148,7 +149,8 @@ class Scene(Resource, SceneData):
         is that of the ranking's poses, by default that of the candidates. With ``radius_m``, only candidates
         within that distance of ``current_pose`` are ranked. Those nearer than ``safety_m`` to matter (by
         default half the distance from which the nearest photographs saw it), in one of the volumes ``no_fly``
-        or unlikely to be registered have no rank, but with ``rank_all``. ``for_vehicle`` is the name of the
+        or unlikely to be registered have no rank, but with ``rank_all``; those under the ``terrain``, whose
+        heights have the datum of the scene's altitudes, never. ``for_vehicle`` is the name of the
         requesting vehicle in its visits. ``on_scored`` gets candidates as they are scored; raise in it to end
         the ranking. Raises ``NoSnapshotError`` when the scene has no model, ``DeadlineExceededError``
         when the ranking takes longer than ``timeout_s``.
@@ -160,6 +162,7 @@ class Scene(Resource, SceneData):
             radius_m=radius_m,
             safety_m=safety_m,
             no_fly=() if no_fly is None else tuple(no_fly),
+            terrain=terrain,
             rank_all=rank_all,
             frame=frame,
             top_k=top_k,

@@ -27,7 +27,7 @@ from fvs_client.fly.vehicle import Vehicle, VehicleState
 from fvs_client.fly.watch import Watch
 from fvs_client.height_model import places_of
 from fvs_client.models.missions import MissionFile, MissionSettings
-from fvs_schema.candidates import AroundCurrent
+from fvs_schema.candidates import AroundCurrent, CandidateStatus
 from fvs_schema.fence import Fence
 from fvs_schema.missions import MissionFormat
 from fvs_schema.scenes import Origin
@@ -38,6 +38,8 @@ _TAKEN_S = 3_600.0
 _MOST_REFUSED = 10
 """Number of candidates of a ranking, or plans, that cannot be flown, after which a flight ends."""
 _DEGREE_M = 111_195.0
+_AROUND_M = 100.0
+"""How far around the vehicle candidates are compared with the ground; their missions are in any case."""
 _BLOCKED = "the way to it from where the vehicle is"
 
 
@@ -234,12 +236,17 @@ class Choice:
             current_pose=self._pose(),
             radius_m=settings.radius_m,
             safety_m=settings.safety_m,
+            terrain=self._surface(),
             method=settings.method,
             budget=max(1, photographs),
             for_vehicle=settings.vehicle,
         )
         if not isinstance(settings.generator, AroundCurrent):
-            self._candidates = tuple(Candidate(id=item.id, pose=item.pose) for item in ranking.candidates)
+            self._candidates = tuple(
+                Candidate(id=item.id, pose=item.pose)
+                for item in ranking.candidates
+                if item.status is not CandidateStatus.UNDER_GROUND
+            )
         return ranking
 
     def _plan(self, candidates: Sequence[Candidate], count: int) -> Plan:
@@ -301,6 +308,18 @@ class Choice:
         here = self._vehicle.last_state
         places = [(state.latitude_deg, state.longitude_deg) for state in (home, here)]
         return heights.around([*places, *places_of(poses, origin)])
+
+    def _surface(self) -> Terrain | None:
+        """The ground around the vehicle, at the altitudes of the scene."""
+        heights, home, here = self._settings.terrain, self._home, self._vehicle.last_state
+        if heights is None:
+            return None
+        at_home = home.latitude_deg, home.longitude_deg
+        terrain = heights.around([at_home, (here.latitude_deg, here.longitude_deg)], _AROUND_M)
+        home_m = terrain.height_m(at_home)
+        if home_m is None:
+            raise VehicleError(f"The height model has no height at home, {described(at_home)}.")
+        return terrain.raised(self._altitude_m(home) - home.height_m - home_m, self._datum)
 
     def _leg(self, mission: MissionFile, views: tuple[Candidate, ...]) -> Leg:
         items = read_waypoints(mission.content.decode())
