@@ -366,6 +366,7 @@ WORDING: Mapping[FindingCode, tuple[str, str]] = {
         "{count} marked images are not there: {images}. Their marks are not used.",
         "Check their names.",
     ),
+    FindingCode.CONTROL_POINTS_UNUSED: ("The control points are not used. {why}", "{remedy}"),
 }
 """Code → the sentence and the hint, as format strings.
 

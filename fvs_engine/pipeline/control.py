@@ -5,10 +5,10 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal
 
-import numpy as np
 from PIL import Image
 
 from fvs_engine.control.gcp_list import read_gcp_list
+from fvs_engine.control.marks import sight_of
 from fvs_engine.control.residuals import align_by_control
 from fvs_engine.control.triangulation import Sight
 from fvs_engine.errors import InvalidInputError
@@ -16,15 +16,14 @@ from fvs_engine.files.json_input import read_text
 from fvs_engine.files.record import read_record, write_record
 from fvs_engine.files.storage import storage_errors
 from fvs_engine.images.names import match_names
-from fvs_engine.images.pixels import LAST_OF_SAME_SIDES, orientation_of, upright_pixel
+from fvs_engine.images.pixels import orientation_of
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.manifest import ImageRecord, Manifest
 from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.records import Record
 from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.stages import SfmFolder
-from fvs_engine.views import AnyView
-from fvs_schema.control_points import ControlPoints, ControlResiduals, Mark
+from fvs_schema.control_points import ControlPoints, ControlResiduals
 from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.scenes import Alignment, AltitudeDatum, Origin
 
@@ -106,29 +105,20 @@ class _Marked:
         """The marks in registered photographs, by the name of their point."""
         return {
             point.name: [
-                self._sight(point.name, mark, view)
+                sight_of(point.name, mark, view, self._orientation(view.name))
                 for mark in point.marks
                 if (view := self._views.get(self._names.get(mark.image, ""))) is not None
             ]
             for point in self._points.points
         }
 
-    def _sight(self, point: str, mark: Mark, view: AnyView) -> Sight:
-        orientation = self._orientations.get(view.name)
-        if orientation is None:
-            orientation = self._orientations[view.name] = self._orientation(self._records[view.name])
-        size = view.camera.width, view.camera.height
-        width, height = size if orientation <= LAST_OF_SAME_SIDES else size[::-1]
-        if mark.x_px > width or mark.y_px > height:
-            raise InvalidInputError(
-                f"The mark of {point} in {mark.image} is at {mark.x_px:g}, {mark.y_px:g} px; the photograph "
-                f"has {width} × {height} px as it is stored.",
-                hint="Mark the photographs that were reconstructed, not copies of another size.",
-            )
-        return Sight(view, upright_pixel(np.array([mark.x_px, mark.y_px]), (width, height), orientation))
-
-    def _orientation(self, record: ImageRecord) -> int:
+    def _orientation(self, name: str) -> int:
         """How the photograph's stored pixels were turned for the reconstruction."""
+        if name not in self._orientations:
+            self._orientations[name] = self._read_orientation(self._records[name])
+        return self._orientations[name]
+
+    def _read_orientation(self, record: ImageRecord) -> int:
         copy = self._workspace.images / record.normalised_name
         with storage_errors(copy):
             if record.as_stored or hashlib.sha256(copy.read_bytes()).hexdigest() == record.sha256:

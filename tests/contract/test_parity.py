@@ -11,6 +11,7 @@ from contract_outcome import rest_word
 from contract_types import fits, other_types, type_of_field, type_of_schema
 from fvs.v1 import (
     capabilities_pb2,
+    control_points_pb2,
     downloads_pb2,
     events_pb2,
     findings_pb2,
@@ -32,7 +33,7 @@ from google.protobuf.descriptor_pool import DescriptorPool
 from fvs_schema.events import EventKind
 
 _FILES = (
-    *(capabilities_pb2, downloads_pb2, events_pb2, findings_pb2, images_pb2, jobs_pb2),
+    *(capabilities_pb2, control_points_pb2, downloads_pb2, events_pb2, findings_pb2, images_pb2, jobs_pb2),
     *(poses_pb2, scenes_pb2, snapshots_pb2, views_pb2, webhooks_pb2),
 )
 

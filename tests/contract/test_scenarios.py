@@ -273,3 +273,41 @@ def test_a_service_without_runners_says_so(compare: Compare) -> None:
 
 def test_the_capabilities_are_the_same(compare: Compare) -> None:
     compare(lambda tenant: tenant.call("GetCapabilities"))
+
+
+def test_control_points_are_set_read_and_deleted(compare: Compare) -> None:
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        refused(tenant.call("GetControlPoints", scene_id=scene), "not-found")
+        mark = {"image": "a.jpg", "x_px": 10.5, "y_px": 4.0}
+        points = {
+            "crs": "EPSG:32632",
+            "points": [
+                {"name": "G1", "x": 537653.2, "y": 5260847.4, "z": 410.1, "marks": [mark]},
+                {"name": "C1", "x": 537660.0, "y": 5260840.0, "check": True, "marks": []},
+            ],
+        }
+        assert tenant.call("SetControlPoints", points, scene_id=scene).result["points"][0]["marks"] == [mark]
+        assert tenant.call("GetControlPoints", scene_id=scene).result["points"][1]["check"]
+        origin = tenant.call("GetScene", scene_id=scene).result["origin"]
+        assert origin["altitude_datum"] == "sea-level"
+        for wrong in (
+            {"crs": "EPSG:99999"},
+            {"crs": "EPSG:4326"},
+            {"altitude_datum": "ellipsoid"},
+            {"points": [points["points"][0]] * 2},
+            {"points": [{"name": "G1", "x": 0.0, "y": 0.0, "marks": [mark, mark]}]},
+        ):
+            refused(tenant.call("SetControlPoints", {**points, **wrong}, scene_id=scene), "invalid-request")
+        tenant.call("DeleteControlPoints", scene_id=scene)
+        refused(tenant.call("GetControlPoints", scene_id=scene), "not-found")
+        local = tenant.scene(world={"kind": "local"})
+        refused(tenant.call("SetControlPoints", points, scene_id=local), "invalid-request")
+        for name, body in (
+            ("SetControlPoints", points),
+            ("GetControlPoints", None),
+            ("DeleteControlPoints", None),
+        ):
+            refused(tenant.call(name, body, scene_id=UNKNOWN), "not-found")
+
+    compare(scenario)

@@ -12,7 +12,7 @@ from urllib.parse import urlsplit
 import httpx2
 
 from fvs_client.errors import AnswerTimeoutError, ConnectionFailedError, FvsError, UnexpectedAnswerError
-from fvs_client.requests import Request
+from fvs_client.request import Request
 from fvs_client.service_url import DEFAULT_URL, base_url
 
 _CONNECT_TIMEOUT_S = 10.0

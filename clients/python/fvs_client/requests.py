@@ -2,13 +2,14 @@
 
 import base64
 import uuid
-from collections.abc import Callable, Iterable, Mapping
-from dataclasses import dataclass, field, replace
-from pathlib import Path
+from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from typing import Any
 from urllib.parse import quote
 
+from fvs_client.request import FileBody, Request
 from fvs_schema.base import Input
+from fvs_schema.control_points import ControlPoints
 from fvs_schema.images import ImageMetadata
 from fvs_schema.jobs import JobRequest
 from fvs_schema.missions import MissionOptions, MissionRequest
@@ -18,7 +19,6 @@ from fvs_schema.scenes import SceneChange, SceneRequest
 from fvs_schema.visits import VisitReport
 from fvs_schema.webhooks import WebhookRequest
 
-REQUEST_ID = "X-Request-Id"
 EVENT_STREAM = "text/event-stream"
 
 _RANKING_TIMEOUT_S = 180.0
@@ -26,51 +26,6 @@ _RANKING_TIMEOUT_S = 180.0
 _ANSWER_ARRIVES_S = 10.0
 _EVENTS_TIMEOUT_S = 40.0
 """The service sends a heartbeat every 15 s."""
-
-
-@dataclass
-class FileBody:
-    """A file as the body of a request, read while it is sent; ``on_bytes`` gets the size of each sent chunk.
-
-    When the request is sent again, ``on_bytes`` first gets minus the number of bytes sent before.
-    """
-
-    path: Path
-    size_bytes: int
-    on_bytes: Callable[[int], None]
-    sent_bytes: int = 0
-
-    def restart(self) -> None:
-        """Send the file from its beginning."""
-        if self.sent_bytes:
-            self.on_bytes(-self.sent_bytes)
-            self.sent_bytes = 0
-
-    def advance(self, size_bytes: int) -> None:
-        """Count a chunk that was sent."""
-        self.sent_bytes += size_bytes
-        self.on_bytes(size_bytes)
-
-
-@dataclass(frozen=True)
-class Request:
-    """One request."""
-
-    method: str
-    path: str
-    params: Mapping[str, Any] = field(default_factory=dict)
-    headers: Mapping[str, str] = field(default_factory=dict)
-    document: Mapping[str, Any] | None = None
-    """Sent as JSON."""
-    body: bytes | FileBody | None = None
-    repeatable: bool = True
-    """Whether sending it twice has the effect of sending it once."""
-    read_timeout_s: float | None = None
-    """Replaces the client's own read timeout."""
-
-    def identified(self) -> "Request":
-        """The request with an ``X-Request-Id``, by which the service's log can be searched."""
-        return replace(self, headers={REQUEST_ID: f"req_{uuid.uuid4().hex}", **self.headers})
 
 
 def capabilities() -> Request:
@@ -251,6 +206,25 @@ def create_ranking(
 def rankings_of(scene_id: str) -> str:
     """Path of a scene's list of rankings."""
     return f"/v1/scenes/{_part(scene_id)}/rankings"
+
+
+def set_control_points(scene_id: str, points: ControlPoints) -> Request:
+    """Set the control points of a scene."""
+    return Request("PUT", _control_points_of(scene_id), document=_document(points))
+
+
+def get_control_points(scene_id: str) -> Request:
+    """Get the control points of a scene."""
+    return Request("GET", _control_points_of(scene_id))
+
+
+def delete_control_points(scene_id: str) -> Request:
+    """Delete the control points of a scene."""
+    return Request("DELETE", _control_points_of(scene_id))
+
+
+def _control_points_of(scene_id: str) -> str:
+    return f"/v1/scenes/{_part(scene_id)}/control-points"
 
 
 def report_visits(scene_id: str, report: VisitReport) -> Request:

@@ -2,10 +2,10 @@
 
 from typing import Annotated
 
-from pydantic import Field, model_validator
+from pydantic import ConfigDict, Field, model_validator
 
 from fvs_schema.base import Input, Output
-from fvs_schema.checks import of_fields
+from fvs_schema.checks import of_fields, within
 from fvs_schema.quantities import MAX_SIDE_PX, Coordinate, Count, Number
 from fvs_schema.scenes import AltitudeDatum
 from fvs_schema.words import Word
@@ -41,7 +41,7 @@ class ControlPoint(Input):
     """The height in metres; without one the point only checks the horizontal position."""
     check: bool = False
     """Whether it is a check point: measured, and not used for the alignment."""
-    marks: tuple[Mark, ...]
+    marks: Annotated[tuple[Mark, ...], within(1_000)] = ()
     """Where images show it, each once."""
 
     @model_validator(mode="after")
@@ -56,11 +56,33 @@ class ControlPoint(Input):
 class ControlPoints(Input):
     """The control and check points of a scene."""
 
+    model_config = ConfigDict(
+        json_schema_extra={
+            "examples": [
+                {
+                    "crs": "EPSG:25832",
+                    "points": [
+                        {
+                            "name": "G1",
+                            "x": 537653.198,
+                            "y": 5260847.354,
+                            "z": 410.1,
+                            "marks": [
+                                {"image": "DJI_0021.JPG", "x_px": 1102.7, "y_px": 2208.0},
+                                {"image": "DJI_0022.JPG", "x_px": 1195.7, "y_px": 2183.1},
+                            ],
+                        }
+                    ],
+                }
+            ]
+        }
+    )
+
     crs: Annotated[str, Field(min_length=1, max_length=1000)]
     """The CRS of x and y: `EPSG:25832`, `WGS84 UTM 32N`, or a PROJ string."""
     altitude_datum: AltitudeDatum | None = None
     """What heights are measured from; by default as the CRS says, and above sea level where it does not."""
-    points: Annotated[tuple[ControlPoint, ...], Field(min_length=1)]
+    points: Annotated[tuple[ControlPoint, ...], Field(min_length=1), within(1_000)]
     """The points."""
 
     @model_validator(mode="after")

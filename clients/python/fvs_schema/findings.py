@@ -117,6 +117,7 @@ class FindingCode(Word):
     CONTROL_MARKS_DISAGREE = "control-marks-disagree"
     CONTROL_MARK_OFF = "control-mark-off"
     MARKED_IMAGES_UNKNOWN = "marked-images-unknown"
+    CONTROL_POINTS_UNUSED = "control-points-unused"
 
 
 class Finding(Output):

@@ -5,6 +5,7 @@ from typing import Annotated
 from pydantic import ConfigDict, Field
 
 from fvs_schema.base import Input, Listing, Output, Timestamp
+from fvs_schema.control_points import ControlResiduals
 from fvs_schema.jobs import JobKind
 from fvs_schema.names import Digest
 from fvs_schema.quantities import Count, Number, PositiveNumber, Quaternion, Triple
@@ -72,6 +73,8 @@ class Snapshot(Output):
     """Its size and its quality."""
     alignment: Alignment
     """Its alignment with the world."""
+    control: ControlResiduals | None = None
+    """How well it fits the control points that align it; null where none do."""
     artifacts: tuple[Artifact, ...]
     """Its files."""
     pinned: bool = False

@@ -103,6 +103,7 @@ class FindingCode(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     FINDING_CODE_CONTROL_MARKS_DISAGREE: _ClassVar[FindingCode]
     FINDING_CODE_CONTROL_MARK_OFF: _ClassVar[FindingCode]
     FINDING_CODE_MARKED_IMAGES_UNKNOWN: _ClassVar[FindingCode]
+    FINDING_CODE_CONTROL_POINTS_UNUSED: _ClassVar[FindingCode]
 SEVERITY_UNSPECIFIED: Severity
 SEVERITY_NOTE: Severity
 SEVERITY_WARNING: Severity
@@ -194,6 +195,7 @@ FINDING_CODE_CONTROL_POINT_WITHOUT_PARALLAX: FindingCode
 FINDING_CODE_CONTROL_MARKS_DISAGREE: FindingCode
 FINDING_CODE_CONTROL_MARK_OFF: FindingCode
 FINDING_CODE_MARKED_IMAGES_UNKNOWN: FindingCode
+FINDING_CODE_CONTROL_POINTS_UNUSED: FindingCode
 
 class Notice(_message.Message):
     __slots__ = ("code", "severity", "images", "numbers", "texts", "message", "hint")

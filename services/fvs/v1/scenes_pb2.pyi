@@ -1,5 +1,6 @@
 import datetime
 
+from fvs.v1 import control_points_pb2 as _control_points_pb2
 from fvs.v1 import events_pb2 as _events_pb2
 from fvs.v1 import poses_pb2 as _poses_pb2
 from google.protobuf import empty_pb2 as _empty_pb2
@@ -65,6 +66,26 @@ class DeleteSceneRequest(_message.Message):
     scene_id: str
     etag: str
     def __init__(self, scene_id: _Optional[str] = ..., etag: _Optional[str] = ...) -> None: ...
+
+class SetControlPointsRequest(_message.Message):
+    __slots__ = ("scene_id", "points")
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    POINTS_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    points: _control_points_pb2.ControlPoints
+    def __init__(self, scene_id: _Optional[str] = ..., points: _Optional[_Union[_control_points_pb2.ControlPoints, _Mapping]] = ...) -> None: ...
+
+class GetControlPointsRequest(_message.Message):
+    __slots__ = ("scene_id",)
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    def __init__(self, scene_id: _Optional[str] = ...) -> None: ...
+
+class DeleteControlPointsRequest(_message.Message):
+    __slots__ = ("scene_id",)
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    def __init__(self, scene_id: _Optional[str] = ...) -> None: ...
 
 class GetSceneSizeRequest(_message.Message):
     __slots__ = ("scene_id",)

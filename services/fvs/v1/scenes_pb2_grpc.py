@@ -3,6 +3,7 @@
 import grpc
 import warnings
 
+from fvs.v1 import control_points_pb2 as fvs_dot_v1_dot_control__points__pb2
 from fvs.v1 import events_pb2 as fvs_dot_v1_dot_events__pb2
 from fvs.v1 import scenes_pb2 as fvs_dot_v1_dot_scenes__pb2
 from google.protobuf import empty_pb2 as google_dot_protobuf_dot_empty__pb2
@@ -62,6 +63,21 @@ class SceneServiceStub:
                 request_serializer=fvs_dot_v1_dot_scenes__pb2.DeleteSceneRequest.SerializeToString,
                 response_deserializer=google_dot_protobuf_dot_empty__pb2.Empty.FromString,
                 _registered_method=True)
+        self.SetControlPoints = channel.unary_unary(
+                '/fvs.v1.SceneService/SetControlPoints',
+                request_serializer=fvs_dot_v1_dot_scenes__pb2.SetControlPointsRequest.SerializeToString,
+                response_deserializer=fvs_dot_v1_dot_control__points__pb2.ControlPoints.FromString,
+                _registered_method=True)
+        self.GetControlPoints = channel.unary_unary(
+                '/fvs.v1.SceneService/GetControlPoints',
+                request_serializer=fvs_dot_v1_dot_scenes__pb2.GetControlPointsRequest.SerializeToString,
+                response_deserializer=fvs_dot_v1_dot_control__points__pb2.ControlPoints.FromString,
+                _registered_method=True)
+        self.DeleteControlPoints = channel.unary_unary(
+                '/fvs.v1.SceneService/DeleteControlPoints',
+                request_serializer=fvs_dot_v1_dot_scenes__pb2.DeleteControlPointsRequest.SerializeToString,
+                response_deserializer=google_dot_protobuf_dot_empty__pb2.Empty.FromString,
+                _registered_method=True)
         self.GetSceneSize = channel.unary_unary(
                 '/fvs.v1.SceneService/GetSceneSize',
                 request_serializer=fvs_dot_v1_dot_scenes__pb2.GetSceneSizeRequest.SerializeToString,
@@ -113,6 +129,27 @@ class SceneServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def SetControlPoints(self, request, context):
+        """Set the control points of a scene: the next update or fine job is aligned by them.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def GetControlPoints(self, request, context):
+        """Return the control points of a scene.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def DeleteControlPoints(self, request, context):
+        """Delete the control points of a scene: the next model is aligned by position priors.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def GetSceneSize(self, request, context):
         """Return the disk space of a scene.
         """
@@ -154,6 +191,21 @@ def add_SceneServiceServicer_to_server(servicer, server):
             'DeleteScene': grpc.unary_unary_rpc_method_handler(
                     servicer.DeleteScene,
                     request_deserializer=fvs_dot_v1_dot_scenes__pb2.DeleteSceneRequest.FromString,
+                    response_serializer=google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
+            ),
+            'SetControlPoints': grpc.unary_unary_rpc_method_handler(
+                    servicer.SetControlPoints,
+                    request_deserializer=fvs_dot_v1_dot_scenes__pb2.SetControlPointsRequest.FromString,
+                    response_serializer=fvs_dot_v1_dot_control__points__pb2.ControlPoints.SerializeToString,
+            ),
+            'GetControlPoints': grpc.unary_unary_rpc_method_handler(
+                    servicer.GetControlPoints,
+                    request_deserializer=fvs_dot_v1_dot_scenes__pb2.GetControlPointsRequest.FromString,
+                    response_serializer=fvs_dot_v1_dot_control__points__pb2.ControlPoints.SerializeToString,
+            ),
+            'DeleteControlPoints': grpc.unary_unary_rpc_method_handler(
+                    servicer.DeleteControlPoints,
+                    request_deserializer=fvs_dot_v1_dot_scenes__pb2.DeleteControlPointsRequest.FromString,
                     response_serializer=google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
             ),
             'GetSceneSize': grpc.unary_unary_rpc_method_handler(
@@ -302,6 +354,87 @@ class SceneService:
             target,
             '/fvs.v1.SceneService/DeleteScene',
             fvs_dot_v1_dot_scenes__pb2.DeleteSceneRequest.SerializeToString,
+            google_dot_protobuf_dot_empty__pb2.Empty.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def SetControlPoints(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.SceneService/SetControlPoints',
+            fvs_dot_v1_dot_scenes__pb2.SetControlPointsRequest.SerializeToString,
+            fvs_dot_v1_dot_control__points__pb2.ControlPoints.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def GetControlPoints(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.SceneService/GetControlPoints',
+            fvs_dot_v1_dot_scenes__pb2.GetControlPointsRequest.SerializeToString,
+            fvs_dot_v1_dot_control__points__pb2.ControlPoints.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def DeleteControlPoints(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.SceneService/DeleteControlPoints',
+            fvs_dot_v1_dot_scenes__pb2.DeleteControlPointsRequest.SerializeToString,
             google_dot_protobuf_dot_empty__pb2.Empty.FromString,
             options,
             channel_credentials,

@@ -22,6 +22,7 @@ _runtime_version.ValidateProtobufRuntimeVersion(
 _sym_db = _symbol_database.Default()
 
 
+from fvs.v1 import control_points_pb2 as fvs_dot_v1_dot_control__points__pb2
 from fvs.v1 import downloads_pb2 as fvs_dot_v1_dot_downloads__pb2
 from fvs.v1 import jobs_pb2 as fvs_dot_v1_dot_jobs__pb2
 from fvs.v1 import poses_pb2 as fvs_dot_v1_dot_poses__pb2
@@ -29,33 +30,33 @@ from google.protobuf import empty_pb2 as google_dot_protobuf_dot_empty__pb2
 from google.protobuf import timestamp_pb2 as google_dot_protobuf_dot_timestamp__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x16\x66vs/v1/snapshots.proto\x12\x06\x66vs.v1\x1a\x16\x66vs/v1/downloads.proto\x1a\x11\x66vs/v1/jobs.proto\x1a\x12\x66vs/v1/poses.proto\x1a\x1bgoogle/protobuf/empty.proto\x1a\x1fgoogle/protobuf/timestamp.proto\"d\n\x14ListSnapshotsRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x12\n\x05\x61\x66ter\x18\x02 \x01(\tH\x00\x88\x01\x01\x12\x12\n\x05limit\x18\x03 \x01(\x05H\x01\x88\x01\x01\x42\x08\n\x06_afterB\x08\n\x06_limit\")\n\x12GetSnapshotRequest\x12\x13\n\x0bsnapshot_id\x18\x01 \x01(\t\"T\n\x15\x43hangeSnapshotRequest\x12\x13\n\x0bsnapshot_id\x18\x01 \x01(\t\x12&\n\x06\x63hange\x18\x02 \x01(\x0b\x32\x16.fvs.v1.SnapshotChange\",\n\x15\x44\x65leteSnapshotRequest\x12\x13\n\x0bsnapshot_id\x18\x01 \x01(\t\"g\n\x17\x44ownloadArtifactRequest\x12\x13\n\x0bsnapshot_id\x18\x01 \x01(\t\x12\x0c\n\x04name\x18\x02 \x01(\t\x12\r\n\x05start\x18\x03 \x01(\x03\x12\x11\n\x04stop\x18\x04 \x01(\x03H\x00\x88\x01\x01\x42\x07\n\x05_stop\"P\n\x08\x41rtifact\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x12\n\nmedia_type\x18\x02 \x01(\t\x12\x12\n\nsize_bytes\x18\x03 \x01(\x03\x12\x0e\n\x06sha256\x18\x04 \x01(\t\"\xfb\x01\n\x0fSnapshotMetrics\x12\x12\n\nregistered\x18\x01 \x01(\x05\x12\x14\n\x0cunregistered\x18\x02 \x01(\x05\x12\x0e\n\x06points\x18\x03 \x01(\x05\x12\x12\n\niterations\x18\x04 \x01(\x05\x12\x11\n\tgaussians\x18\x05 \x01(\x05\x12\x11\n\tsh_degree\x18\x06 \x01(\x05\x12\x14\n\x07psnr_db\x18\x07 \x01(\x01H\x00\x88\x01\x01\x12\x11\n\x04ssim\x18\x08 \x01(\x01H\x01\x88\x01\x01\x12\x1f\n\x12new_images_psnr_db\x18\t \x01(\x01H\x02\x88\x01\x01\x42\n\n\x08_psnr_dbB\x07\n\x05_ssimB\x15\n\x13_new_images_psnr_db\"\x8c\x02\n\x08Snapshot\x12\n\n\x02id\x18\x01 \x01(\t\x12\x10\n\x08scene_id\x18\x02 \x01(\t\x12\x0e\n\x06job_id\x18\x03 \x01(\t\x12\x1d\n\x04kind\x18\x04 \x01(\x0e\x32\x0f.fvs.v1.JobKind\x12(\n\x07metrics\x18\x05 \x01(\x0b\x32\x17.fvs.v1.SnapshotMetrics\x12$\n\talignment\x18\x06 \x01(\x0b\x32\x11.fvs.v1.Alignment\x12#\n\tartifacts\x18\x07 \x03(\x0b\x32\x10.fvs.v1.Artifact\x12\x0e\n\x06pinned\x18\x08 \x01(\x08\x12.\n\ncreated_at\x18\t \x01(\x0b\x32\x1a.google.protobuf.Timestamp\"0\n\x0eSnapshotChange\x12\x13\n\x06pinned\x18\x01 \x01(\x08H\x00\x88\x01\x01\x42\t\n\x07_pinned\"K\n\x0cSnapshotList\x12\x1f\n\x05items\x18\x01 \x03(\x0b\x32\x10.fvs.v1.Snapshot\x12\x11\n\x04next\x18\x02 \x01(\tH\x00\x88\x01\x01\x42\x07\n\x05_next2\xec\x02\n\x0fSnapshotService\x12\x43\n\rListSnapshots\x12\x1c.fvs.v1.ListSnapshotsRequest\x1a\x14.fvs.v1.SnapshotList\x12;\n\x0bGetSnapshot\x12\x1a.fvs.v1.GetSnapshotRequest\x1a\x10.fvs.v1.Snapshot\x12\x41\n\x0e\x43hangeSnapshot\x12\x1d.fvs.v1.ChangeSnapshotRequest\x1a\x10.fvs.v1.Snapshot\x12G\n\x0e\x44\x65leteSnapshot\x12\x1d.fvs.v1.DeleteSnapshotRequest\x1a\x16.google.protobuf.Empty\x12K\n\x10\x44ownloadArtifact\x12\x1f.fvs.v1.DownloadArtifactRequest\x1a\x14.fvs.v1.DownloadPart0\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x16\x66vs/v1/snapshots.proto\x12\x06\x66vs.v1\x1a\x1b\x66vs/v1/control_points.proto\x1a\x16\x66vs/v1/downloads.proto\x1a\x11\x66vs/v1/jobs.proto\x1a\x12\x66vs/v1/poses.proto\x1a\x1bgoogle/protobuf/empty.proto\x1a\x1fgoogle/protobuf/timestamp.proto\"d\n\x14ListSnapshotsRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x12\n\x05\x61\x66ter\x18\x02 \x01(\tH\x00\x88\x01\x01\x12\x12\n\x05limit\x18\x03 \x01(\x05H\x01\x88\x01\x01\x42\x08\n\x06_afterB\x08\n\x06_limit\")\n\x12GetSnapshotRequest\x12\x13\n\x0bsnapshot_id\x18\x01 \x01(\t\"T\n\x15\x43hangeSnapshotRequest\x12\x13\n\x0bsnapshot_id\x18\x01 \x01(\t\x12&\n\x06\x63hange\x18\x02 \x01(\x0b\x32\x16.fvs.v1.SnapshotChange\",\n\x15\x44\x65leteSnapshotRequest\x12\x13\n\x0bsnapshot_id\x18\x01 \x01(\t\"g\n\x17\x44ownloadArtifactRequest\x12\x13\n\x0bsnapshot_id\x18\x01 \x01(\t\x12\x0c\n\x04name\x18\x02 \x01(\t\x12\r\n\x05start\x18\x03 \x01(\x03\x12\x11\n\x04stop\x18\x04 \x01(\x03H\x00\x88\x01\x01\x42\x07\n\x05_stop\"P\n\x08\x41rtifact\x12\x0c\n\x04name\x18\x01 \x01(\t\x12\x12\n\nmedia_type\x18\x02 \x01(\t\x12\x12\n\nsize_bytes\x18\x03 \x01(\x03\x12\x0e\n\x06sha256\x18\x04 \x01(\t\"\xfb\x01\n\x0fSnapshotMetrics\x12\x12\n\nregistered\x18\x01 \x01(\x05\x12\x14\n\x0cunregistered\x18\x02 \x01(\x05\x12\x0e\n\x06points\x18\x03 \x01(\x05\x12\x12\n\niterations\x18\x04 \x01(\x05\x12\x11\n\tgaussians\x18\x05 \x01(\x05\x12\x11\n\tsh_degree\x18\x06 \x01(\x05\x12\x14\n\x07psnr_db\x18\x07 \x01(\x01H\x00\x88\x01\x01\x12\x11\n\x04ssim\x18\x08 \x01(\x01H\x01\x88\x01\x01\x12\x1f\n\x12new_images_psnr_db\x18\t \x01(\x01H\x02\x88\x01\x01\x42\n\n\x08_psnr_dbB\x07\n\x05_ssimB\x15\n\x13_new_images_psnr_db\"\xb7\x02\n\x08Snapshot\x12\n\n\x02id\x18\x01 \x01(\t\x12\x10\n\x08scene_id\x18\x02 \x01(\t\x12\x0e\n\x06job_id\x18\x03 \x01(\t\x12\x1d\n\x04kind\x18\x04 \x01(\x0e\x32\x0f.fvs.v1.JobKind\x12(\n\x07metrics\x18\x05 \x01(\x0b\x32\x17.fvs.v1.SnapshotMetrics\x12$\n\talignment\x18\x06 \x01(\x0b\x32\x11.fvs.v1.Alignment\x12#\n\tartifacts\x18\x07 \x03(\x0b\x32\x10.fvs.v1.Artifact\x12\x0e\n\x06pinned\x18\x08 \x01(\x08\x12.\n\ncreated_at\x18\t \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12)\n\x07\x63ontrol\x18\n \x01(\x0b\x32\x18.fvs.v1.ControlResiduals\"0\n\x0eSnapshotChange\x12\x13\n\x06pinned\x18\x01 \x01(\x08H\x00\x88\x01\x01\x42\t\n\x07_pinned\"K\n\x0cSnapshotList\x12\x1f\n\x05items\x18\x01 \x03(\x0b\x32\x10.fvs.v1.Snapshot\x12\x11\n\x04next\x18\x02 \x01(\tH\x00\x88\x01\x01\x42\x07\n\x05_next2\xec\x02\n\x0fSnapshotService\x12\x43\n\rListSnapshots\x12\x1c.fvs.v1.ListSnapshotsRequest\x1a\x14.fvs.v1.SnapshotList\x12;\n\x0bGetSnapshot\x12\x1a.fvs.v1.GetSnapshotRequest\x1a\x10.fvs.v1.Snapshot\x12\x41\n\x0e\x43hangeSnapshot\x12\x1d.fvs.v1.ChangeSnapshotRequest\x1a\x10.fvs.v1.Snapshot\x12G\n\x0e\x44\x65leteSnapshot\x12\x1d.fvs.v1.DeleteSnapshotRequest\x1a\x16.google.protobuf.Empty\x12K\n\x10\x44ownloadArtifact\x12\x1f.fvs.v1.DownloadArtifactRequest\x1a\x14.fvs.v1.DownloadPart0\x01\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'fvs.v1.snapshots_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
-  _globals['_LISTSNAPSHOTSREQUEST']._serialized_start=159
-  _globals['_LISTSNAPSHOTSREQUEST']._serialized_end=259
-  _globals['_GETSNAPSHOTREQUEST']._serialized_start=261
-  _globals['_GETSNAPSHOTREQUEST']._serialized_end=302
-  _globals['_CHANGESNAPSHOTREQUEST']._serialized_start=304
-  _globals['_CHANGESNAPSHOTREQUEST']._serialized_end=388
-  _globals['_DELETESNAPSHOTREQUEST']._serialized_start=390
-  _globals['_DELETESNAPSHOTREQUEST']._serialized_end=434
-  _globals['_DOWNLOADARTIFACTREQUEST']._serialized_start=436
-  _globals['_DOWNLOADARTIFACTREQUEST']._serialized_end=539
-  _globals['_ARTIFACT']._serialized_start=541
-  _globals['_ARTIFACT']._serialized_end=621
-  _globals['_SNAPSHOTMETRICS']._serialized_start=624
-  _globals['_SNAPSHOTMETRICS']._serialized_end=875
-  _globals['_SNAPSHOT']._serialized_start=878
-  _globals['_SNAPSHOT']._serialized_end=1146
-  _globals['_SNAPSHOTCHANGE']._serialized_start=1148
-  _globals['_SNAPSHOTCHANGE']._serialized_end=1196
-  _globals['_SNAPSHOTLIST']._serialized_start=1198
-  _globals['_SNAPSHOTLIST']._serialized_end=1273
-  _globals['_SNAPSHOTSERVICE']._serialized_start=1276
-  _globals['_SNAPSHOTSERVICE']._serialized_end=1640
+  _globals['_LISTSNAPSHOTSREQUEST']._serialized_start=188
+  _globals['_LISTSNAPSHOTSREQUEST']._serialized_end=288
+  _globals['_GETSNAPSHOTREQUEST']._serialized_start=290
+  _globals['_GETSNAPSHOTREQUEST']._serialized_end=331
+  _globals['_CHANGESNAPSHOTREQUEST']._serialized_start=333
+  _globals['_CHANGESNAPSHOTREQUEST']._serialized_end=417
+  _globals['_DELETESNAPSHOTREQUEST']._serialized_start=419
+  _globals['_DELETESNAPSHOTREQUEST']._serialized_end=463
+  _globals['_DOWNLOADARTIFACTREQUEST']._serialized_start=465
+  _globals['_DOWNLOADARTIFACTREQUEST']._serialized_end=568
+  _globals['_ARTIFACT']._serialized_start=570
+  _globals['_ARTIFACT']._serialized_end=650
+  _globals['_SNAPSHOTMETRICS']._serialized_start=653
+  _globals['_SNAPSHOTMETRICS']._serialized_end=904
+  _globals['_SNAPSHOT']._serialized_start=907
+  _globals['_SNAPSHOT']._serialized_end=1218
+  _globals['_SNAPSHOTCHANGE']._serialized_start=1220
+  _globals['_SNAPSHOTCHANGE']._serialized_end=1268
+  _globals['_SNAPSHOTLIST']._serialized_start=1270
+  _globals['_SNAPSHOTLIST']._serialized_end=1345
+  _globals['_SNAPSHOTSERVICE']._serialized_start=1348
+  _globals['_SNAPSHOTSERVICE']._serialized_end=1712
 # @@protoc_insertion_point(module_scope)

@@ -1,5 +1,6 @@
 import datetime
 
+from fvs.v1 import control_points_pb2 as _control_points_pb2
 from fvs.v1 import downloads_pb2 as _downloads_pb2
 from fvs.v1 import jobs_pb2 as _jobs_pb2
 from fvs.v1 import poses_pb2 as _poses_pb2
@@ -90,7 +91,7 @@ class SnapshotMetrics(_message.Message):
     def __init__(self, registered: _Optional[int] = ..., unregistered: _Optional[int] = ..., points: _Optional[int] = ..., iterations: _Optional[int] = ..., gaussians: _Optional[int] = ..., sh_degree: _Optional[int] = ..., psnr_db: _Optional[float] = ..., ssim: _Optional[float] = ..., new_images_psnr_db: _Optional[float] = ...) -> None: ...
 
 class Snapshot(_message.Message):
-    __slots__ = ("id", "scene_id", "job_id", "kind", "metrics", "alignment", "artifacts", "pinned", "created_at")
+    __slots__ = ("id", "scene_id", "job_id", "kind", "metrics", "alignment", "artifacts", "pinned", "created_at", "control")
     ID_FIELD_NUMBER: _ClassVar[int]
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     JOB_ID_FIELD_NUMBER: _ClassVar[int]
@@ -100,6 +101,7 @@ class Snapshot(_message.Message):
     ARTIFACTS_FIELD_NUMBER: _ClassVar[int]
     PINNED_FIELD_NUMBER: _ClassVar[int]
     CREATED_AT_FIELD_NUMBER: _ClassVar[int]
+    CONTROL_FIELD_NUMBER: _ClassVar[int]
     id: str
     scene_id: str
     job_id: str
@@ -109,7 +111,8 @@ class Snapshot(_message.Message):
     artifacts: _containers.RepeatedCompositeFieldContainer[Artifact]
     pinned: bool
     created_at: _timestamp_pb2.Timestamp
-    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., job_id: _Optional[str] = ..., kind: _Optional[_Union[_jobs_pb2.JobKind, str]] = ..., metrics: _Optional[_Union[SnapshotMetrics, _Mapping]] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., artifacts: _Optional[_Iterable[_Union[Artifact, _Mapping]]] = ..., pinned: _Optional[bool] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
+    control: _control_points_pb2.ControlResiduals
+    def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., job_id: _Optional[str] = ..., kind: _Optional[_Union[_jobs_pb2.JobKind, str]] = ..., metrics: _Optional[_Union[SnapshotMetrics, _Mapping]] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., artifacts: _Optional[_Iterable[_Union[Artifact, _Mapping]]] = ..., pinned: _Optional[bool] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., control: _Optional[_Union[_control_points_pb2.ControlResiduals, _Mapping]] = ...) -> None: ...
 
 class SnapshotChange(_message.Message):
     __slots__ = ("pinned",)

@@ -6,9 +6,10 @@ from datetime import datetime
 from typing import Any, TypeAlias
 
 from pydantic import TypeAdapter
-from sqlalchemy import Row, bindparam, func, select, update
+from sqlalchemy import Row, bindparam, func, null, select, update
 from sqlalchemy.orm import Session
 
+from fvs_schema.control_points import ControlPoints
 from fvs_schema.scenes import (
     Alignment,
     EnuWorld,
@@ -156,6 +157,18 @@ def set_origin(session: Session, scene_id: str, origin: Origin) -> None:
     if row is not None and row.origin is None:
         row.origin = origin.model_dump(mode="json")
         session.flush()
+
+
+def control_points_of(session: Session, scene_id: str) -> ControlPoints | None:
+    """The control points of a scene; None without any."""
+    document = session.scalar(select(SceneRow.control_points).where(SceneRow.id == scene_id))
+    return None if document is None else ControlPoints.model_validate(document)
+
+
+def set_control_points(session: Session, scene_id: str, points: ControlPoints | None) -> None:
+    """Set the control points of a scene; None removes them."""
+    document = null() if points is None else points.model_dump(mode="json")
+    session.execute(update(SceneRow).where(SceneRow.id == scene_id).values(control_points=document))
 
 
 def set_snapshot(session: Session, scene_id: str, snapshot_id: str) -> None:

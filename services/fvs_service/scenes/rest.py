@@ -4,6 +4,7 @@ from typing import Annotated, Any
 
 from fastapi import Depends, Response
 
+from fvs_schema.control_points import ControlPoints
 from fvs_schema.scenes import Scene, SceneChange, SceneList, SceneRequest, SceneSize
 from fvs_service.gateway.rest.bodies import json_body
 from fvs_service.gateway.rest.conditions import Expected, IfNoneMatch, has, not_modified, set_tag
@@ -78,6 +79,33 @@ def change_scene(
 def delete_scene(app: App, caller: Caller, scene_id: SceneId, expected: Expected) -> None:
     """Permanently delete a scene and everything in it; its running jobs stop."""
     app.deletions.scene(caller, scene_id, expected)
+
+
+@router.put("/{scene_id}/control-points")
+def set_control_points(
+    app: App,
+    caller: Caller,
+    scene_id: SceneId,
+    points: Annotated[ControlPoints, Depends(json_body(ControlPoints, to_operate))],
+) -> ControlPoints:
+    """Set the control points of a scene: the next update or fine job is aligned by them.
+
+    They take the place of position priors. Marks may be in images that arrive later. A snapshot's `control`
+    has the residuals.
+    """
+    return app.scenes.set_control_points(caller, scene_id, points)
+
+
+@router.get("/{scene_id}/control-points")
+def get_control_points(app: App, caller: Caller, scene_id: SceneId) -> ControlPoints:
+    """Return the control points of a scene."""
+    return app.scenes.control_points(caller, scene_id)
+
+
+@router.delete("/{scene_id}/control-points", status_code=204)
+def delete_control_points(app: App, caller: Caller, scene_id: SceneId) -> None:
+    """Delete the control points of a scene: the next model is aligned by position priors."""
+    app.scenes.delete_control_points(caller, scene_id)
 
 
 @router.get("/{scene_id}/size")

@@ -8,6 +8,7 @@ from fvs.v1 import scenes_pb2 as pb
 from pydantic import Field
 
 from fvs_schema.base import Model
+from fvs_schema.control_points import ControlPoints
 from fvs_schema.events import Event, EventKind
 from fvs_schema.scenes import Scene, SceneChange, SceneList, ScenePage, SceneRequest, SceneSize
 from fvs_service.application import Application
@@ -57,6 +58,20 @@ class SceneServicer:
     def delete_scene(self, caller: Principal, request: pb.DeleteSceneRequest) -> None:
         """Delete a scene."""
         self._app.deletions.scene(caller, request.scene_id, _expected(request))
+
+    def set_control_points(self, caller: Principal, request: pb.SetControlPointsRequest) -> ControlPoints:
+        """Set the control points of a scene."""
+        self._app.scenes.require(caller, Scope.OPERATE, request.scene_id)
+        points = read(ControlPoints, request.points, self._app.storage.settings.limits)
+        return self._app.scenes.set_control_points(caller, request.scene_id, points)
+
+    def get_control_points(self, caller: Principal, request: pb.GetControlPointsRequest) -> ControlPoints:
+        """Return the control points of a scene."""
+        return self._app.scenes.control_points(caller, request.scene_id)
+
+    def delete_control_points(self, caller: Principal, request: pb.DeleteControlPointsRequest) -> None:
+        """Delete the control points of a scene."""
+        self._app.scenes.delete_control_points(caller, request.scene_id)
 
     def get_scene_size(self, caller: Principal, request: pb.GetSceneSizeRequest) -> SceneSize:
         """Return the disk space of a scene."""

@@ -4,10 +4,13 @@ from collections.abc import Collection
 
 from sqlalchemy.orm import Session
 
+from fvs_engine.control.survey import Survey
+from fvs_engine.errors import InvalidInputError
+from fvs_schema.control_points import ControlPoints
 from fvs_schema.events import EventKind
-from fvs_schema.scenes import Scene, SceneChange, SceneList, ScenePage, SceneRequest, SceneSize
+from fvs_schema.scenes import LocalWorld, Scene, SceneChange, SceneList, ScenePage, SceneRequest, SceneSize
 from fvs_schema.service import Limits
-from fvs_service.errors import LimitExceededError, PreconditionFailedError
+from fvs_service.errors import InvalidRequestError, LimitExceededError, NotFoundError, PreconditionFailedError
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
 from fvs_service.principal import Principal, Scope
@@ -74,6 +77,54 @@ class Scenes:
             data = change.model_dump(mode="json", exclude_none=True)
             publish(session, scene_id, EventKind.SCENE_CHANGED, data)
             return repository.scene_of(session, principal, scene_id)
+
+    def set_control_points(self, principal: Principal, scene_id: str, points: ControlPoints) -> ControlPoints:
+        """Set the points by which the next model is aligned; they give an automatic world its origin.
+
+        Raises ``NotFoundError``, and ``InvalidRequestError`` for a CRS or coordinates that cannot be used,
+        for heights above another datum than the origin's, and in a scene with a frame of its own.
+        """
+        principal.require(Scope.OPERATE, scene_id)
+        try:
+            survey = Survey.of(points)
+        except InvalidInputError as error:
+            raise InvalidRequestError(error.message, hint=error.hint) from error
+        with self._database.writing(scene_id) as session:
+            scene = repository.scene_of(session, principal, scene_id)
+            if isinstance(scene.world, LocalWorld):
+                raise InvalidRequestError(
+                    "The scene's world is a local frame, and control points are on Earth.",
+                    hint="Create the scene with an automatic world, or with one that has an origin.",
+                )
+            if scene.origin is None:
+                repository.set_origin(session, scene_id, survey.origin)
+            elif scene.origin.altitude_datum is not survey.datum:
+                raise InvalidRequestError(
+                    f"The heights are above {survey.datum.value}, and the scene's origin is above "
+                    f"{scene.origin.altitude_datum.value}.",
+                    hint="Convert the heights, and say so with altitude_datum.",
+                )
+            repository.set_control_points(session, scene_id, points)
+            publish(session, scene_id, EventKind.SCENE_CHANGED, {"control_points": len(points.points)})
+        return points
+
+    def control_points(self, principal: Principal, scene_id: str) -> ControlPoints:
+        """The control points of a scene; raises ``NotFoundError`` when it has none."""
+        principal.require(Scope.READ, scene_id)
+        with self._database.reading() as session:
+            repository.scene_head_of(session, principal, scene_id)
+            points = repository.control_points_of(session, scene_id)
+        if points is None:
+            raise NotFoundError("The scene has no control points.")
+        return points
+
+    def delete_control_points(self, principal: Principal, scene_id: str) -> None:
+        """Delete the control points of a scene, if it has any."""
+        principal.require(Scope.OPERATE, scene_id)
+        with self._database.writing(scene_id) as session:
+            repository.scene_head_of(session, principal, scene_id)
+            repository.set_control_points(session, scene_id, None)
+            publish(session, scene_id, EventKind.SCENE_CHANGED, {"control_points": 0})
 
     def size(self, principal: Principal, scene_id: str) -> SceneSize:
         """The disk space of a scene; raises ``NotFoundError``."""

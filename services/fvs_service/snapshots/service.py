@@ -11,6 +11,7 @@ from sqlalchemy.orm import Session
 from fvs_engine.wording import notice
 from fvs_schema.artifacts import ALIGNMENT, CAMERAS, COLMAP, GAUSSIANS
 from fvs_schema.base import Page
+from fvs_schema.control_points import ControlResiduals
 from fvs_schema.events import EventKind
 from fvs_schema.findings import Finding, FindingCode, Severity
 from fvs_schema.jobs import Job, JobKind
@@ -58,6 +59,7 @@ class NewSnapshot:
     files: Mapping[str, Path]
     registered: Iterable[str]
     unregistered: Mapping[str, Finding | None]
+    control: ControlResiduals | None = None
 
 
 class Snapshots:
@@ -137,6 +139,7 @@ class Snapshots:
             kind=job.kind,
             metrics=made.metrics,
             alignment=made.alignment,
+            control=made.control,
             artifacts=artifacts,
             created_at=now(),
         )

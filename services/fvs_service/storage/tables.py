@@ -106,6 +106,7 @@ class SceneRow(Recorded, Table):
     tenant_id: Mapped[str] = mapped_column(String(64), index=True)
     request: Mapped[dict[str, Any]]
     origin: Mapped[dict[str, Any] | None]
+    control_points: Mapped[dict[str, Any] | None]
     snapshot_id: Mapped[str | None] = mapped_column(String(40))
     working_bytes: Mapped[int] = mapped_column(BigInteger)
     working_copy: Mapped[str | None] = mapped_column(String(40))

@@ -22,6 +22,7 @@ from fvs_service.principal import Principal
 from fvs_service.rankings.port import ViewImage
 
 from fvs_schema.base import Page
+from fvs_schema.control_points import ControlPoints
 from fvs_schema.images import DigestCheck
 from fvs_schema.jobs import JobPage, JobRequest
 from fvs_schema.missions import MissionOptions, MissionRequest, PlanMissionOptions
@@ -119,6 +120,22 @@ OPERATIONS: dict[str, Operation] = {
         "DELETE",
         "/v1/scenes/{scene_id}",
         lambda app, who, call: app.deletions.scene(who, call.scene_id, call.expected),
+    ),
+    "SetControlPoints": Operation(
+        "PUT",
+        "/v1/scenes/{scene_id}/control-points",
+        lambda app, who, call: app.scenes.set_control_points(who, call.scene_id, call.body),
+        ("points", ControlPoints),
+    ),
+    "GetControlPoints": Operation(
+        "GET",
+        "/v1/scenes/{scene_id}/control-points",
+        lambda app, who, call: app.scenes.control_points(who, call.scene_id),
+    ),
+    "DeleteControlPoints": Operation(
+        "DELETE",
+        "/v1/scenes/{scene_id}/control-points",
+        lambda app, who, call: app.scenes.delete_control_points(who, call.scene_id),
     ),
     "GetSceneSize": Operation(
         "GET", "/v1/scenes/{scene_id}/size", lambda app, who, call: app.scenes.size(who, call.scene_id)

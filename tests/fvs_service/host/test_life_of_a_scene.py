@@ -15,6 +15,9 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from fvs_engine.geometry.geodetic import GeodeticPosition, geodetic_from_enu
+from fvs_engine.sfm.colmap.model import read_colmap
+
 pytestmark = [
     pytest.mark.system,
     pytest.mark.timeout(900),  # several processes that all import torch, on whatever machine
@@ -315,3 +318,38 @@ def test_a_child_that_is_killed_every_time_fails_the_job_which_can_be_retried(
     assert found["error"]["hint"]
     service.client.post(f"/v1/jobs/{job}:retry")
     assert service.finish(job)["attempt"] == 2
+
+
+def test_control_points_align_the_next_update(service: Any, modelled: str, tmp_path: Path) -> None:
+    """Marks of points in the scene's own cameras, surveyed ten times as far apart."""
+    snapshot, _ = _latest(service, modelled)
+    read = f"/v1/snapshots/{snapshot}/artifacts"
+    with zipfile.ZipFile(io.BytesIO(service.client.get(f"{read}/colmap.zip").content)) as archive:
+        archive.extractall(tmp_path)
+    known = service.client.get(f"{read}/cameras.json").json()
+    names = {view["image"].removeprefix("sha256:")[:12]: view["name"] for view in known["views"]}
+    views = read_colmap(tmp_path / "sparse/0").views
+    home = GeodeticPosition(47.5, 9.5, 400.0)
+    draw, points = np.random.default_rng(0), []
+    lower, upper = (np.array(known[corner]) for corner in ("lower", "upper"))
+    while len(points) < 6:
+        place = draw.uniform(lower, upper)
+        marks = []
+        for view in views:
+            x, y = view.camera.project(view.camera_from_model.apply(place)).tolist()
+            if 0 <= x <= view.camera.width and 0 <= y <= view.camera.height:
+                name = names[view.name.partition("-")[2].partition(".")[0]]
+                marks.append({"image": name, "x_px": x, "y_px": y})
+        if len(marks) > 2:
+            at = geodetic_from_enu(10.0 * place, home)
+            where = {"x": at.longitude_deg, "y": at.latitude_deg, "z": at.altitude_m}
+            points.append({"name": f"G{len(points)}", **where, "check": len(points) == 5, "marks": marks})
+    path = f"/v1/scenes/{modelled}/control-points"
+    body = {"crs": "EPSG:4326", "points": points}
+    assert service.client.put(path, json=body).status_code == 200
+    service.finish(service.start(modelled))
+    aligned = service.snapshot(_latest(service, modelled)[0])
+    assert aligned["alignment"]["source"] == "control-points"
+    assert aligned["alignment"]["scale"] == pytest.approx(10.0, rel=0.01)
+    assert aligned["control"]["check_rms_m"] < 0.1
+    assert service.client.delete(path).status_code == 204

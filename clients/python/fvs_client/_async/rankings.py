@@ -14,7 +14,7 @@ from fvs_client.errors import ConnectionFailedError, FvsError
 from fvs_client.models.display import Png
 from fvs_client.models.missions import MissionFile, MissionSettings, mission_options
 from fvs_client.models.rankings import RankingData
-from fvs_client.requests import Request
+from fvs_client.request import REQUEST_ID, Request
 from fvs_schema.base import Output
 from fvs_schema.missions import MissionFormat
 from fvs_schema.rankings import RankedCandidate, RankingSummary, ScoredCandidate
@@ -100,7 +100,7 @@ async def stream_ranking(
 async def _follow(
     session: AsyncSession, request: Request, on_scored: Callable[[tuple[ScoredCandidate, ...]], object]
 ) -> AsyncRanking:
-    request_id = request.headers[requests.REQUEST_ID]
+    request_id = request.headers[REQUEST_ID]
     async with session.open(request) as response:
         async for message in httpx2.EventSource(response, max_event_size=None):
             content = message.data.encode()

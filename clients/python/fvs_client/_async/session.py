@@ -13,7 +13,7 @@ from fvs_client._async.concurrency import run_blocking, sleep
 from fvs_client.answers import parse, refusal
 from fvs_client.connection import Connection
 from fvs_client.errors import FvsError, NotFoundError
-from fvs_client.requests import REQUEST_ID, FileBody, Request
+from fvs_client.request import REQUEST_ID, FileBody, Request
 from fvs_client.retries import Retries
 from fvs_schema.base import Model, Output
 

@@ -20,7 +20,7 @@ from fvs_client.errors import (
     UnreadableFormatError,
 )
 from fvs_client.image_files import ImageFile, Paths, find_image_files
-from fvs_client.requests import FileBody
+from fvs_client.request import FileBody
 from fvs_client.uploads import (
     Describe,
     HashedFile,

@@ -17,6 +17,7 @@ from fvs_client.answers import mission_file
 from fvs_client.models.missions import MissionFile, MissionSettings, mission_options
 from fvs_client.models.resources import SceneData
 from fvs_schema.candidates import Candidate, Generator
+from fvs_schema.control_points import ControlPoints
 from fvs_schema.events import Event
 from fvs_schema.jobs import JobKind
 from fvs_schema.missions import MissionFormat, MissionRequest, MissionView
@@ -100,6 +101,21 @@ class Scene(Resource, SceneData):
         """
         request = requests.delete_scene(self.id, self.etag if if_unchanged else None)
         self._session.content(request)
+
+    def set_control_points(self, points: ControlPoints) -> ControlPoints:
+        """Set the control points: the next update or fine job is aligned by them, its snapshot has residuals.
+
+        Raises ``InvalidRequestError`` for a CRS, coordinates or heights that cannot be used.
+        """
+        return self._session.fetch(ControlPoints, requests.set_control_points(self.id, points))
+
+    def control_points(self) -> ControlPoints:
+        """Get the control points; raises ``NotFoundError`` when there are none."""
+        return self._session.fetch(ControlPoints, requests.get_control_points(self.id))
+
+    def delete_control_points(self) -> None:
+        """Delete the control points: the next model is aligned by position priors."""
+        self._session.content(requests.delete_control_points(self.id))
 
     def size(self) -> SceneSize:
         """Get the disk space of the scene."""

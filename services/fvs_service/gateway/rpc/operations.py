@@ -30,7 +30,9 @@ from fvs_service.principal import Principal
 
 T = TypeVar("T")
 
-_WITH_LISTS = frozenset({"CheckImages", "CreateMission", "PlanViews", "RankViews", "StreamRankViews"})
+_WITH_LISTS = frozenset(
+    {"CheckImages", "CreateMission", "PlanViews", "RankViews", "SetControlPoints", "StreamRankViews"}
+)
 _WITHOUT_LISTS_BYTES = 65_536
 """Maximum size of the requests of all other methods."""
 _SMALL_BYTES = 4_096

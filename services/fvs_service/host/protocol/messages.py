@@ -13,10 +13,11 @@ from pydantic import Field, TypeAdapter
 from fvs_engine.errors import EngineError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.records import Record
+from fvs_schema.control_points import ControlPoints, ControlResiduals
 from fvs_schema.findings import Finding
 from fvs_schema.images import Image
 from fvs_schema.jobs import JobRequest
-from fvs_schema.scenes import CameraPrior, Origin
+from fvs_schema.scenes import Alignment, CameraPrior, Origin
 from fvs_schema.snapshots import SnapshotMetrics
 from fvs_schema.stages import Stage
 from fvs_service.engine_errors import from_engine
@@ -48,8 +49,8 @@ class RunJob(Record):
     Unless the worker ``trains``, the job ends when an update's images are registered.
 
     ``images`` are the images that the job may use, ``camera`` the scene's focal length prior, ``origin`` that
-    of the world frame of their position priors, ``snapshot_id`` the scene's latest snapshot, None before the
-    first.
+    of the world frame of their position priors and of its ``control`` points, ``snapshot_id`` the scene's
+    latest snapshot, None before the first.
     """
 
     kind: Literal["job"] = "job"
@@ -58,6 +59,7 @@ class RunJob(Record):
     images: tuple[Image, ...]
     camera: CameraPrior | None
     origin: Origin | None
+    control: ControlPoints | None = None
     snapshot_id: str | None
     trains: bool = True
 
@@ -123,12 +125,20 @@ class RunnerStatus(Record):
     queue: QueueStatus
 
 
+class ControlOutcome(Record):
+    """The alignment of a model by control points, and their residuals."""
+
+    alignment: Alignment
+    residuals: ControlResiduals
+
+
 class JobOutcome(Record):
     """What a job has made: ``files`` in ``folder``, and which images are registered.
 
     ``model_from_camera`` has the poses of the registered images by digest; ``unregistered`` has the digests
     of all others that the job processed, with the reasons, where there are any. ``positions_ignored``: the
-    images contradict the positions, so these do not align the model with the world.
+    images contradict the positions, so these do not align the model with the world. ``control``: what does
+    instead, where there are control points that can.
     """
 
     folder: str
@@ -137,6 +147,7 @@ class JobOutcome(Record):
     unregistered: dict[str, Finding | None]
     metrics: SnapshotMetrics
     positions_ignored: bool = False
+    control: ControlOutcome | None = None
 
 
 class JobFinished(Record):

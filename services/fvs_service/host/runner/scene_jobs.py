@@ -39,8 +39,9 @@ from fvs_schema.images import Image, Registration
 from fvs_schema.jobs import JobKind
 from fvs_schema.snapshots import SnapshotMetrics
 from fvs_schema.stages import Stage
-from fvs_service.host.protocol.messages import JobOutcome, RunJob
+from fvs_service.host.protocol.messages import ControlOutcome, JobOutcome, RunJob
 from fvs_service.host.runner.artifacts import write_artifacts
+from fvs_service.host.runner.control_points import StoredImages, control_outcome
 from fvs_service.host.runner.gpu_slots import gpu_slot
 from fvs_service.host.runner.image_files import discard_images, prepare_images
 from fvs_service.host.runner.job_monitor import FirstModelMonitor, JobMonitor
@@ -145,7 +146,7 @@ class SceneJobs:
         if not request.trains and not scene.is_trained("full"):
             return None
         measured = {"new_images_psnr_db": previous_db}
-        outcome = partial(self._outcome_of_update, request, scene, images, measured=measured)
+        outcome = partial(self._outcome_of_update, request, scene, images, monitor, measured=measured)
         with self._gpu_slot(monitor):
             if not scene.is_trained("full"):
                 quick = scene.train("quick", monitor)
@@ -188,13 +189,14 @@ class SceneJobs:
             return  # with the others they may support a model
         quarantined = scene.quarantined
         first = {name: image for name, image in first.items() if name not in quarantined}
-        publish("first", self._outcome_of_update(request, scene, first, model, "first"))
+        publish("first", self._outcome_of_update(request, scene, first, stage, model, "first"))
 
     def _outcome_of_update(
         self,
         request: RunJob,
         scene: Scene,
         images: Mapping[str, Image],
+        monitor: Monitor,
         model: SceneModel,
         name: str,
         measured: Mapping[str, float | None] = MappingProxyType({}),
@@ -209,6 +211,7 @@ class SceneJobs:
             scene.points,
             scene.model_dir,
             measured,
+            control=partial(self._control, request, monitor),
             why_unregistered=scene.why_unregistered,
             compressed=name == "full",  # others are waited for, and soon replaced
         )
@@ -277,7 +280,19 @@ class SceneJobs:
         }
         monitor.report(Stage.SNAPSHOT, 0, 1)
         folder = self._folder.outcome(request.job_id)
-        return self._outcome(folder, views, images, model, cameras.points, final.sparse, measured)
+        control = partial(self._control, request, monitor)
+        return self._outcome(
+            folder, views, images, model, cameras.points, final.sparse, measured, control=control
+        )
+
+    def _control(
+        self, request: RunJob, monitor: Monitor, images: Mapping[str, Image], model: Path
+    ) -> ControlOutcome | None:
+        """The alignment of the COLMAP model in a folder by the scene's control points; None without any."""
+        if request.control is None:
+            return None
+        stored = StoredImages(images, self._folder.images, self._blobs)
+        return control_outcome(request.control, request.origin, stored, model, monitor)
 
     def _gpu_slot(self, monitor: Monitor) -> AbstractContextManager[None]:
         return gpu_slot(self._rasterizer.device, self._settings.trainings_per_gpu, monitor)
@@ -309,6 +324,7 @@ class SceneJobs:
         colmap: Path,
         measured: Mapping[str, float | None],
         *,
+        control: Callable[[Mapping[str, Image], Path], ControlOutcome | None],
         why_unregistered: Mapping[str, Finding] = MappingProxyType({}),
         compressed: bool = True,
     ) -> JobOutcome:
@@ -340,6 +356,7 @@ class SceneJobs:
             unregistered=unregistered,
             metrics=metrics,
             positions_ignored=self._growth.ignores_positions,
+            control=control(images, colmap),
         )
 
 

@@ -33,7 +33,7 @@ from fvs_service.jobs.repository import images_milestone
 from fvs_service.jobs.stages import Work, work_of
 from fvs_service.jobs.timing import TIMING, past_timings
 from fvs_service.scenes.lease import Lease
-from fvs_service.scenes.repository import find_scene, set_working_bytes
+from fvs_service.scenes.repository import control_points_of, find_scene, set_working_bytes
 from fvs_service.snapshots.georeferencing import align
 from fvs_service.snapshots.service import NewSnapshot
 
@@ -112,12 +112,14 @@ class Attempts:
         images = self._images_of(leased, job)
         with self._storage.database.reading() as session:
             scene = find_scene(session, job.scene_id)
+            control = control_points_of(session, job.scene_id)
         request = RunJob(
             job_id=job.id,
             request=job.request,
             images=images,
             camera=scene.camera,
             origin=scene.origin,
+            control=control,
             snapshot_id=scene.snapshot_id,
             trains=Work.TRAINING in work_of(self._storage.settings.worker.work),
         )
@@ -173,7 +175,11 @@ class Attempts:
         with self._storage.database.reading() as session:
             scene = find_scene(session, job.scene_id)
         by_digest = {image.digest: image for image in images}
-        alignment = align(scene, by_digest, made.model_from_camera, positions_ignored=made.positions_ignored)
+        if made.control is not None:
+            alignment = made.control.alignment
+        else:
+            ignored = made.positions_ignored
+            alignment = align(scene, by_digest, made.model_from_camera, positions_ignored=ignored)
         folder = Path(made.folder)
         placed = SnapshotAlignment(origin=scene.origin, **alignment.model_dump())
         write_text_atomically(folder / ALIGNMENT, placed.model_dump_json(indent=1))
@@ -182,6 +188,7 @@ class Attempts:
         snapshot = NewSnapshot(
             metrics=made.metrics,
             alignment=alignment,
+            control=None if made.control is None else made.control.residuals,
             files={name: folder / name for name in (*made.files, ALIGNMENT)},
             registered=tuple(made.model_from_camera) if updating else (),
             unregistered={

@@ -81,6 +81,7 @@ def _create_tables_of_scenes() -> None:
         sa.Column("tenant_id", sa.String(64), nullable=False, index=True),
         sa.Column("request", sa.JSON(), nullable=False),
         sa.Column("origin", sa.JSON()),
+        sa.Column("control_points", sa.JSON()),
         sa.Column("snapshot_id", sa.String(40)),
         sa.Column("working_bytes", sa.BigInteger(), nullable=False),
         sa.Column("working_copy", sa.String(40)),
