@@ -72,6 +72,7 @@ def test_a_way_is_sampled_every_half_step() -> None:
     [
         ({"columns": 5}, "12 heights are not two or more rows of 5"),
         ({"columns": 12}, "12 heights are not two or more rows of 12"),
+        ({"columns": 2, "heights_m": (0.0,) * 502}, "more than 250 rows"),
         ({"heights_m": (float("nan"),) * 12}, "finite"),
         ({"latitude_step_deg": 0.0}, "must be at least"),
     ],

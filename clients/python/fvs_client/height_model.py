@@ -11,7 +11,7 @@ from fvs_schema.error_codes import ErrorCode
 from fvs_schema.fence import Place
 from fvs_schema.poses import FramePose, VehiclePose
 from fvs_schema.scenes import AltitudeDatum, Origin
-from fvs_schema.terrain import MOST_HEIGHTS, NO_HEIGHT_M, Terrain
+from fvs_schema.terrain import MOST_HEIGHTS, MOST_IN_A_ROW, NO_HEIGHT_M, Terrain
 
 _MARGIN = 3
 """Steps beyond the outermost places."""
@@ -77,7 +77,7 @@ class HeightModel:
         steps = self._steps_deg(middle)
         rows, columns = _counts((north_deg - south_deg, east_deg - west_deg), steps)
         coarser = 1.0
-        while rows * columns > MOST_HEIGHTS:
+        while rows * columns > MOST_HEIGHTS or max(rows, columns) > MOST_IN_A_ROW:
             coarser *= 1.05
             steps = steps[0] * 1.05, steps[1] * 1.05
             rows, columns = _counts((north_deg - south_deg, east_deg - west_deg), steps)

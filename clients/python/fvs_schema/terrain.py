@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Iterator
-from itertools import product
 from typing import Annotated, Self
 
 from pydantic import Field, model_validator
@@ -14,12 +13,13 @@ from fvs_schema.quantities import WHOLE, Latitude, Longitude, Number
 from fvs_schema.scenes import AltitudeDatum
 
 MOST_HEIGHTS = 10_000
+MOST_IN_A_ROW = 250
+"""Most rows, and most columns: each way over a terrain costs as many steps."""
 NO_HEIGHT_M = -32_768.0
 """The height of a hole, as SRTM writes it."""
 _LOWEST_M = -12_000.0
 _ROUNDING = 1e-6
 """Of a step: a place on the edge is inside."""
-_MOST_SAMPLES = 1_000
 _Height = Annotated[Number, Field(ge=NO_HEIGHT_M, le=100_000)]
 _Step = Annotated[Number, Field(ge=1e-9, le=1)]
 
@@ -40,8 +40,8 @@ class Terrain(Input):
     """From row to row."""
     longitude_step_deg: _Step
     """From column to column."""
-    columns: Annotated[int, Field(strict=True, ge=2, le=MOST_HEIGHTS), WHOLE]
-    """How many columns."""
+    columns: Annotated[int, Field(strict=True, ge=2, le=MOST_IN_A_ROW), WHOLE]
+    """How many columns; there are at most 250, and as many rows."""
     heights_m: Annotated[tuple[_Height, ...], Field(min_length=4, max_length=MOST_HEIGHTS, fail_fast=True)]
     """The heights above `altitude_datum`, row by row; -32768, or any below -12000, is a hole."""
     altitude_datum: AltitudeDatum = AltitudeDatum.SEA_LEVEL
@@ -55,6 +55,8 @@ class Terrain(Input):
                 "heights_m",
                 "columns",
             )
+        if len(self.heights_m) // self.columns > MOST_IN_A_ROW:
+            raise of_fields(f"there are more than {MOST_IN_A_ROW} rows of heights", "heights_m", "columns")
         return self
 
     def raised(self, by_m: float, datum: AltitudeDatum) -> "Terrain":
@@ -73,31 +75,39 @@ class Terrain(Input):
         return self._interpolated(row, east_deg / self.longitude_step_deg)
 
     def along(self, start: Place, end: Place) -> Iterator[tuple[float, Place]]:
-        """Places on the straight way between two places, half a step apart, after their shares of it."""
+        """Places on the straight way between two places, half a step apart, after their shares of it.
+
+        There may be any number of them outside of the grid: stop where the ground has no height.
+        """
         north_deg = end[0] - start[0]
         east_deg = (end[1] - start[1] + 180.0) % 360.0 - 180.0
         steps = 2.0 * max(abs(north_deg) / self.latitude_step_deg, abs(east_deg) / self.longitude_step_deg)
-        count = max(1, min(math.ceil(steps - _ROUNDING), _MOST_SAMPLES))
+        count = max(1, math.ceil(steps - _ROUNDING))
         for number in range(count + 1):
             share = number / count
             longitude_deg = (start[1] + share * east_deg + 180.0) % 360.0 - 180.0
             yield share, (start[0] + share * north_deg, longitude_deg)
 
     def _interpolated(self, row: float, column: float) -> float | None:
-        rows = len(self.heights_m) // self.columns
-        if not (-_ROUNDING <= row <= rows - 1 + _ROUNDING):
+        heights, columns = self.heights_m, self.columns
+        last_row, last_column = len(heights) // columns - 1, columns - 1
+        if not (-_ROUNDING <= row <= last_row + _ROUNDING):
             return None
-        if not (-_ROUNDING <= column <= self.columns - 1 + _ROUNDING):
+        if not (-_ROUNDING <= column <= last_column + _ROUNDING):
             return None
-        south, west = min(max(int(row), 0), rows - 2), min(max(int(column), 0), self.columns - 2)
+        south, west = min(max(int(row), 0), last_row - 1), min(max(int(column), 0), last_column - 1)
         north_share, east_share = row - south, column - west
+        index = south * columns + west
         height_m = 0.0
-        for up, right in product((0, 1), repeat=2):
-            share = (north_share if up else 1.0 - north_share) * (east_share if right else 1.0 - east_share)
-            corner_m = self.heights_m[(south + up) * self.columns + west + right]
-            if abs(share) <= _ROUNDING:
-                continue
-            if corner_m < _LOWEST_M:
-                return None
-            height_m += share * corner_m
+        for place, share in (
+            (index, (1.0 - north_share) * (1.0 - east_share)),
+            (index + 1, (1.0 - north_share) * east_share),
+            (index + columns, north_share * (1.0 - east_share)),
+            (index + columns + 1, north_share * east_share),
+        ):
+            if abs(share) > _ROUNDING:
+                corner_m = heights[place]
+                if corner_m < _LOWEST_M:
+                    return None
+                height_m += share * corner_m
         return height_m

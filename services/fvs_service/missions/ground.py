@@ -1,6 +1,6 @@
 """The ground under a flight: a terrain, at the altitudes of a scene."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from itertools import pairwise
 
 from fvs_schema.error_codes import FieldError
@@ -60,25 +60,34 @@ class Ground:
     def highest_m(self, places: Sequence[Place]) -> float:
         """The altitude of the highest ground on the straight ways from place to place.
 
-        Where the terrain has no height counts as nothing: ``heights_over`` reports it.
+        It looks no farther than to where the terrain has no height, which ``heights_over`` reports.
         """
-        found = (self.altitude_m(place) for place in self._along(places))
-        return max((altitude_m for altitude_m in found if altitude_m is not None), default=float("-inf"))
+        highest_m = float("-inf")
+        for place in self._along(places):
+            ground_m = self.altitude_m(place)
+            if ground_m is None:
+                break
+            highest_m = max(highest_m, ground_m)
+        return highest_m
 
-    def heights_over(self, way: Sequence[Waypoint]) -> list[tuple[float | None, Place]]:
-        """The heights above the ground on a straight way through waypoints, and where that is."""
-        heights: list[tuple[float | None, Place]] = []
+    def heights_over(self, way: Sequence[Waypoint]) -> Iterator[tuple[float | None, Place]]:
+        """The heights above the ground on a straight way through waypoints, and where that is.
+
+        The last one is None where the terrain has no height.
+        """
         for start, end in pairwise(way):
             for share, place in self._terrain.along(start.place, end.place):
                 ground_m = self.altitude_m(place)
-                flown_m = start.altitude_m + share * (end.altitude_m - start.altitude_m)
-                heights.append((None if ground_m is None else flown_m - ground_m, place))
-        return heights
+                if ground_m is None:
+                    yield None, place
+                    return
+                yield start.altitude_m + share * (end.altitude_m - start.altitude_m) - ground_m, place
 
-    def _along(self, places: Sequence[Place]) -> list[Place]:
+    def _along(self, places: Sequence[Place]) -> Iterator[Place]:
         if len(places) == 1:
-            return list(places)
-        return [place for start, end in pairwise(places) for _, place in self._terrain.along(start, end)]
+            yield places[0]
+        for start, end in pairwise(places):
+            yield from (place for _, place in self._terrain.along(start, end))
 
 
 def described(place: Place) -> str:

@@ -88,11 +88,11 @@ class Objections:
         """Why ``what``, which is flown straight from waypoint to waypoint, is too near to the terrain."""
         if not isinstance(self._ground, Ground):
             return None
-        heights = self._ground.heights_over(way)
-        for height_m, place in heights:
+        known = []
+        for height_m, place in self._ground.heights_over(way):
             if height_m is None:
                 return f"{what} leads over {described(place)}, where the terrain has no height"
-        known = [(height_m, place) for height_m, place in heights if height_m is not None]
+            known.append((height_m, place))
         for height_m, place in (min(known), max(known)) if known else ():
             if (reason := self._to_terrain(f"{what} is, over {described(place)},", height_m)) is not None:
                 return reason
