@@ -252,6 +252,11 @@ WORDING: Mapping[FindingCode, tuple[str, str]] = {
         "Training may need {need_gb:.1f} GB of memory, and this machine has {machine_gb:.1f} GB.",
         "A smaller --long-side or --quality coarse needs less.",
     ),
+    FindingCode.FLOATERS_REMOVED: (
+        "Left out {floaters:,.0f} of {of:,.0f} Gaussians: they are in the air near a camera, where one "
+        "photograph alone shows them.",
+        "More photographs, from the sides, show what is really there.",
+    ),
     FindingCode.RUN_FAILED: (
         "{method}, seed {seed:.0f}, failed: {error}",
         "The same command tries it again.",

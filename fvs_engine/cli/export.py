@@ -79,6 +79,14 @@ def export(
             "sea level become those above the ellipsoid, which globes have.",
         ),
     ] = None,
+    clean: Annotated[
+        bool,
+        typer.Option(
+            "--clean",
+            help="Leave out floaters: Gaussians in the air near a camera that one photograph alone shows. "
+            "Models of --quality fine have none.",
+        ),
+    ] = False,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR2", help="Where the files go.", show_default="DIR/export")
     ] = None,
@@ -100,7 +108,14 @@ def export(
         from fvs_engine.pipeline.export import export_model
 
         return export_model(
-            folder, formats=wanted, frame=frame, epsg=epsg, geoid=height, out=out, monitor=monitor
+            folder,
+            formats=wanted,
+            frame=frame,
+            epsg=epsg,
+            geoid=height,
+            clean=clean,
+            out=out,
+            monitor=monitor,
         )
 
     report.show_files(run_job(job, machine=as_json), machine=as_json)

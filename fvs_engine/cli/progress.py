@@ -49,6 +49,7 @@ _LABELS: Mapping[Stage, str] = {
     Stage.FRAMES: "Taking frames, by seconds",
     Stage.COMPILE: "Compiling kernels, once",
     Stage.TRAINING: "Training",
+    Stage.CLEANING: "Finding floaters",
     Stage.EVALUATE: "Rendering held-out views",
     Stage.SELECT: "Selecting views",
     Stage.ESTIMATE: "Estimating candidates",

@@ -107,6 +107,7 @@ def export_model(
     frame: ExportFrame = "world",
     epsg: int | None = None,
     geoid: Path | float | None = None,
+    clean: bool = False,
     out: Path | None = None,
     monitor: Monitor | None = None,
 ) -> tuple[Path, ...]:
@@ -115,8 +116,8 @@ def export_model(
     ``root`` is an output folder, or one with the artifacts of a snapshot. The world frame is metres east,
     north and up of the middle of the photographs' positions, or of the scene's origin if that is near;
     ``georeference.json`` says where that is. ``epsg``: the CRS of points, by default UTM. ``geoid``, a grid
-    or a height, makes altitudes above sea level those above the ellipsoid, which globes have. The files go
-    to ``out``, or to ``export/`` in ``root``.
+    or a height, makes altitudes above sea level those above the ellipsoid, which globes have. ``clean``
+    leaves floaters out (``splat.floaters``). The files go to ``out``, or to ``export/`` in ``root``.
 
     Raises what ``opened`` raises, ``InvalidInputError`` for a model without a place on Earth, formats
     that need one, a CRS or geoid that cannot be used, and ``StorageError``.
@@ -144,7 +145,7 @@ def export_model(
         if placement is not None:
             crs = chosen or ProjectedCrs.at(placement.position)
             crs.require_covers(placement.position)
-        export = _Export(source, placement, crs)
+        export = _Export(source.without_floaters(monitor) if clean else source, placement, crs)
         for finding in export.warnings(wanted):
             monitor.warn(finding)
         return _write(export, wanted, out or Workspace(root).export, monitor)

@@ -53,7 +53,8 @@ def train(workspace: Workspace, manifest: Manifest, *, monitor: Monitor) -> Metr
     """Train up to the iterations of ``manifest.settings``, evaluate, and write the results.
 
     Resumes from the folder's checkpoint. A checkpoint, the point cloud and the manifest are written every
-    minute, at the end and on cancellation, which raises ``Cancelled``.
+    minute, at the end and on cancellation, which raises ``Cancelled``. The finished model of quality ``fine``
+    is without floaters, which the checkpoint keeps.
     """
     settings = training_settings(manifest.settings)
     finished = workspace.read_metrics()
@@ -84,8 +85,12 @@ def train(workspace: Workspace, manifest: Manifest, *, monitor: Monitor) -> Metr
     state = _State(workspace, manifest, trainer, training, held_out)
     train_saving(trainer, settings.iterations, monitor, state.save)
     state.save()
+    model = SceneModel.of(trainer)
+    if manifest.settings.quality == "fine":
+        model = model.without_floaters(loaded, reconstruction.points, rasterizer, monitor)
+        state.save(model)
     unseen = photographs.load_all(held_out, monitor)
-    metrics = _evaluate(workspace, trainer, rasterizer, unseen, state.seconds, monitor)
+    metrics = _evaluate(workspace, model, rasterizer, unseen, state.seconds, monitor)
     workspace.write_metrics(metrics)
     return metrics
 
@@ -111,8 +116,12 @@ class _State:
         self.seconds = self._seconds_before
         """Seconds of training up to the last save, those of earlier runs included."""
 
-    def save(self) -> None:
-        """Write the checkpoint, then the point cloud, then the manifest that describes them."""
+    def save(self, finished: SceneModel | None = None) -> None:
+        """Write the checkpoint, then the point cloud, then the manifest that describes them.
+
+        The point cloud is that of the ``finished`` model, or of the one in training.
+        """
+        model = finished or SceneModel.of(self._trainer)
         self.seconds = self._seconds_before + time.monotonic() - self._began
         camera = usual_camera(self._training)
         with storage_errors(self._workspace.checkpoint):
@@ -120,7 +129,7 @@ class _State:
             self._trainer.save(self._workspace.checkpoint)
             cameras = self._manifest.cameras
             origin = cameras.origin if cameras else (0.0, 0.0, 0.0)
-            SceneModel.of(self._trainer).export(self._workspace.point_cloud, origin)
+            model.export(self._workspace.point_cloud, origin)
         record = TrainingRecord(
             train_views=tuple(view.name for view in self._training),
             test_views=tuple(view.name for view in self._held_out),
@@ -128,7 +137,7 @@ class _State:
             height_px=camera.height,
             iterations=self._trainer.iteration,
             target_iterations=self._trainer.settings.iterations,
-            gaussians=len(self._trainer.gaussians),
+            gaussians=len(model.gaussians),
             seconds=self.seconds,
         )
         self._workspace.write_manifest(self._manifest.model_copy(update={"training": record}))
@@ -148,7 +157,7 @@ def _warn_of_memory(settings: TrainingSettings, views: Sequence[TrainingView], m
 
 def _evaluate(
     workspace: Workspace,
-    trainer: Trainer,
+    model: SceneModel,
     rasterizer: Rasterizer,
     held_out: Sequence[TrainingView],
     training_seconds: float,
@@ -157,7 +166,7 @@ def _evaluate(
     """Render and measure the held-out views; write each beside its photograph. Stage ``evaluate``."""
     results = []
     folder = workspace.renders / "held-out"
-    model = replace(SceneModel.of(trainer), sh_degree=trainer.gaussians.sh_degree)
+    model = replace(model, sh_degree=model.gaussians.sh_degree)
     for each in comparisons(model, held_out, rasterizer, monitor):
         results.append(ViewMetrics(name=each.view.name, psnr_db=each.psnr_db, ssim=each.ssim))
         path = folder / f"{each.view.name}.png"
@@ -168,8 +177,8 @@ def _evaluate(
         views=tuple(results),
         psnr_db=float(np.mean([view.psnr_db for view in results])) if results else None,
         ssim=float(np.mean([view.ssim for view in results])) if results else None,
-        iterations=trainer.iteration,
-        gaussians=len(trainer.gaussians),
+        iterations=model.iterations,
+        gaussians=len(model.gaussians),
         training_seconds=training_seconds,
         peak_memory_bytes=_peak_memory_bytes(),
     )

@@ -56,10 +56,11 @@ class FinalModel:
     ) -> SceneModel:
         """Train on ``views`` from their ``points``; resumes from the checkpoint, which is saved every minute.
 
-        Raises ``Cancelled``, having saved, and ``TrainingError``.
+        The model is without floaters, which the checkpoint keeps. Raises ``Cancelled``, having saved, and
+        ``TrainingError``.
         """
         checkpoint = self.folder / "checkpoint.safetensors"
         trainer = open_trainer(checkpoint, views, (points.xyz, points.colors), settings, rasterizer)
         train_saving(trainer, settings.iterations, monitor, lambda: trainer.save(checkpoint))
         trainer.save(checkpoint)
-        return SceneModel.of(trainer)
+        return SceneModel.of(trainer).without_floaters(views, points, rasterizer, monitor)

@@ -27,12 +27,15 @@ from fvs_engine.plan.volumes import AnyVolume
 from fvs_engine.score.appearance import with_appearance
 from fvs_engine.score.feasibility import FeasibilityCheck, matter_of
 from fvs_engine.score.selectors.interface import SelectionContext, Selector, select
+from fvs_engine.sfm.reconstruction import PointCloud
+from fvs_engine.splat.floaters import without_floaters
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.render import log_magnitude, render_color
 from fvs_engine.splat.spz import write_spz
 from fvs_engine.splat.trainer import Trainer, read_gaussians
+from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import PinholeView
 
 Array = NDArray[np.float64]
@@ -97,6 +100,18 @@ class SceneModel:
         """The model of a finished training's checkpoint; raises ``StorageError`` when it cannot be read."""
         gaussians, sh_degree, iterations = read_gaussians(checkpoint)
         return cls(gaussians=gaussians.to(device), sh_degree=sh_degree, iterations=iterations)
+
+    def without_floaters(
+        self,
+        views: Sequence[TrainingView],
+        points: PointCloud,
+        rasterizer: Rasterizer,
+        monitor: Monitor,
+    ) -> "SceneModel":
+        """The model, trained on ``views`` from ``points``, without its floaters. Raises ``Cancelled``."""
+        masks = {view.name: view.mask for view in views if view.mask is not None}
+        kept = without_floaters(self.gaussians, views, points.xyz, rasterizer, monitor, masks)
+        return replace(self, gaussians=kept)
 
     @cached_property
     def registered(self) -> tuple[PinholeView, ...]:

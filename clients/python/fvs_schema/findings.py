@@ -90,6 +90,7 @@ class FindingCode(Word):
     ALREADY_TRAINED = "already-trained"
     NONE_HELD_OUT = "none-held-out"
     LITTLE_MEMORY = "little-memory"
+    FLOATERS_REMOVED = "floaters-removed"
     RUN_FAILED = "run-failed"
     STARTED_AGAIN_AFTER_DAMAGE = "started-again-after-damage"
     STARTED_AGAIN_WITH_SETTINGS = "started-again-with-settings"

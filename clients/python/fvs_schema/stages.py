@@ -41,6 +41,8 @@ class Stage(Word):
     QUICK_TRAINING = "quick-training"
     QUICK_SNAPSHOT = "quick-snapshot"
     TRAINING = "training"
+    CLEANING = "cleaning"
+    """Find the floaters of a trained model."""
     SNAPSHOT = "snapshot"
     """Write the artifacts."""
     COMMIT = "commit"

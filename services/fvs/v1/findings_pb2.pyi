@@ -104,6 +104,7 @@ class FindingCode(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     FINDING_CODE_CONTROL_MARK_OFF: _ClassVar[FindingCode]
     FINDING_CODE_MARKED_IMAGES_UNKNOWN: _ClassVar[FindingCode]
     FINDING_CODE_CONTROL_POINTS_UNUSED: _ClassVar[FindingCode]
+    FINDING_CODE_FLOATERS_REMOVED: _ClassVar[FindingCode]
 SEVERITY_UNSPECIFIED: Severity
 SEVERITY_NOTE: Severity
 SEVERITY_WARNING: Severity
@@ -196,6 +197,7 @@ FINDING_CODE_CONTROL_MARKS_DISAGREE: FindingCode
 FINDING_CODE_CONTROL_MARK_OFF: FindingCode
 FINDING_CODE_MARKED_IMAGES_UNKNOWN: FindingCode
 FINDING_CODE_CONTROL_POINTS_UNUSED: FindingCode
+FINDING_CODE_FLOATERS_REMOVED: FindingCode
 
 class Notice(_message.Message):
     __slots__ = ("code", "severity", "images", "numbers", "texts", "message", "hint")

@@ -65,6 +65,7 @@ class Stage(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     STAGE_SCORE: _ClassVar[Stage]
     STAGE_RENDER: _ClassVar[Stage]
     STAGE_CONTACT_SHEET: _ClassVar[Stage]
+    STAGE_CLEANING: _ClassVar[Stage]
 
 class WaitReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -121,6 +122,7 @@ STAGE_ESTIMATE: Stage
 STAGE_SCORE: Stage
 STAGE_RENDER: Stage
 STAGE_CONTACT_SHEET: Stage
+STAGE_CLEANING: Stage
 WAIT_REASON_UNSPECIFIED: WaitReason
 WAIT_REASON_QUEUE: WaitReason
 WAIT_REASON_SCENE: WaitReason

@@ -121,7 +121,8 @@ STAGES: Mapping[Stage, StageOfJob] = {
         update=(0.46, 0.55), first_model=(0.75, 1.0), work=_per_training_pixel, trains=True
     ),
     Stage.QUICK_SNAPSHOT: StageOfJob(update=(0.55, 0.56)),
-    Stage.TRAINING: StageOfJob(update=(0.56, 0.97), fine=(0.04, 0.97), work=_per_training_pixel, trains=True),
+    Stage.TRAINING: StageOfJob(update=(0.56, 0.97), fine=(0.04, 0.96), work=_per_training_pixel, trains=True),
+    Stage.CLEANING: StageOfJob(fine=(0.96, 0.97)),
     Stage.SNAPSHOT: StageOfJob(update=(0.97, 1.00), fine=(0.98, 1.00)),
     Stage.COMMIT: StageOfJob(),
 }

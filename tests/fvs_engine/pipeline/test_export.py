@@ -14,6 +14,7 @@ import pycolmap
 import pyproj
 import pytest
 import torch
+from floating import with_one_before
 from georeferenced_folder import CAMERA, MODEL_FROM_WORLD, TO_ECEF, GeoreferencedFolder
 from PIL import Image
 from plyfile import PlyData
@@ -24,7 +25,11 @@ from fvs_engine.geometry import RigidTransform, SimilarityTransform, quaternion_
 from fvs_engine.geometry.geodetic import GeodeticPosition, ecef_from_enu, geodetic_from_enu
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.export import export_model
+from fvs_engine.pipeline.export_source import opened
+from fvs_engine.pipeline.model import full_size_views, read_undistorted
+from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.snapshot_cameras import intrinsics_of
+from fvs_engine.splat.initialise import initialise_from_points
 from fvs_engine.splat.ply import write_ply
 from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.scenes import AlignmentStatus, Origin
@@ -139,6 +144,35 @@ def test_the_record_lays_the_world_into_the_crs(exported: Path) -> None:
         turned = np.array([[np.cos(turn), -np.sin(turn)], [np.sin(turn), np.cos(turn)]]) @ [east, north]
         laid = crs["scale_factor"] * turned + [crs["easting_m"], crs["northing_m"]]
         np.testing.assert_allclose(to_crs.transform(*place.apply([east, north, 0.0]))[:2], laid, atol=2e-3)
+
+
+def test_floaters_are_left_out_on_request(made: GeoreferencedFolder, tmp_path: Path) -> None:
+    root, found = tmp_path / "folder", list[Finding]()
+    shutil.copytree(made.root, root)
+    undistorted = read_undistorted(Workspace(root))
+    ground = initialise_from_points(undistorted.points.xyz, undistorted.points.colors, 0)
+    gaussians = with_one_before(full_size_views(undistorted)[0], 0.1, ground)
+    write_ply(root / "splat" / "point_cloud.ply", gaussians)
+    monitor = Monitor(on_warning=found.append)
+    for clean, count in ((False, 201), (True, 200)):
+        export_model(root, formats=["ply"], frame="model", clean=clean, out=tmp_path / "out", monitor=monitor)
+        assert len(PlyData.read(str(tmp_path / "out" / "point_cloud.ply"))["vertex"]) == count
+    assert [finding.code for finding in found] == [FindingCode.FLOATERS_REMOVED]
+
+
+def test_masks_of_an_output_folder_count_for_its_floaters(made: GeoreferencedFolder, tmp_path: Path) -> None:
+    root = tmp_path / "folder"
+    shutil.copytree(made.root, root)
+    for place, size in (("images/0.jpg", "RGB"), ("masks/0.jpg.png", "L")):
+        file = root / "undistorted" / place
+        file.parent.mkdir(parents=True)
+        Image.new(size, (400, 300), "white").save(file)
+    with Image.open(file) as mask:
+        mask.paste(0, (0, 0, 400, 150))
+        mask.save(file)
+    with opened(root) as source:
+        masks = source.read_masks()
+    assert {name: float(mask.mean()) for name, mask in masks.items()} == {"0.jpg": 0.5}
 
 
 def test_without_a_geoid_heights_are_above_sea_level(made: GeoreferencedFolder, tmp_path: Path) -> None:
