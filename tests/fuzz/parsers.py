@@ -119,7 +119,11 @@ def _transforms_seeds(_folder: Path) -> list[Files]:
 def _candidates_seeds(_folder: Path) -> list[Files]:
     pose = {"position": [0, 0.5, 1e-3], "orientation_wxyz": [1.0, 0, 0, 0]}
     camera = {"width": 96, "height": 64, "fx": 90.0, "fy": 90, "cx": 48.0, "cy": 32}
-    entries = [{"name": "a", **pose}, {"name": "b", **pose, "camera": camera}, {"name": "c", "view": "0.png"}]
+    entries = [
+        {"id": "a", "pose": pose},
+        {"id": "b", "pose": pose, "camera": camera},
+        {"id": "c", "view": "0.png"},
+    ]
     matrix = np.eye(4)
     frames = []
     for number, centre in enumerate(([0, 0, 0], [1, 0, 0], [0, 1, 0], [0, 0, 1], [2, 1, 0])):
