@@ -13,7 +13,7 @@ from fvs_engine.images.pixels import (
     load_rgb,
     reduced_size,
     stored_size,
-    upright,
+    turned_as_asked,
     upright_pixel,
 )
 
@@ -226,7 +226,8 @@ def test_points_are_turned_as_pixels_are(orientation: int) -> None:
     stored = Image.new("L", (7, 4))
     stored.putpixel((5, 1), 255)
     x, y = upright_pixel(np.array([5.5, 1.5]), stored.size, orientation)
-    assert upright(stored, orientation).getpixel((int(x), int(y))) == 255
+    upright = turned_as_asked(stored, orientation, is_upright=False, turn=True)
+    assert upright.getpixel((int(x), int(y))) == 255
     assert (x % 1, y % 1) == (0.5, 0.5)
 
 
