@@ -21,12 +21,12 @@ from fvs_engine.images.embedded import read_embedded
 
 _XMP_PROPERTY = re.compile(
     rb"[\s:<](GpsLatitude|GpsLongt?itude|AbsoluteAltitude|Gimbal(?:Yaw|Pitch|Roll)Degree)"
-    rb"(?:\s*=\s*(?:\"([^\"<]*)\"|'([^'<]*)')|\s*>([^<]*)(?=<))"
+    rb"(?:\s*=\s*(?:\"([^\"<]{0,99})\"|'([^'<]{0,99})')|\s*>([^<]{0,99})(?=<))"
 )
 """A property as an attribute or an element, with any prefix.
 
 It is searched for: DJI's packets and those of programs that change them are often not valid XML, with a bare
-``&``, bytes in Latin-1, or roots of all kinds.
+``&``, bytes in Latin-1, or roots of all kinds. Values have a bounded length, so that no packet takes long.
 """
 _BELOW = frozenset({"1", "3", "\x01", "\x03"})
 """Values of GPSAltitudeRef for altitudes below the reference: 3 is EXIF 3.0's, and is from sea level, too."""

@@ -267,3 +267,11 @@ def test_the_time_has_its_zone_and_fraction() -> None:
     zone = timezone(-timedelta(hours=3, minutes=30))
     moment = read_priors(_jpeg(exif)).captured_at
     assert moment == datetime(2026, 5, 4, 3, 2, 1, 250_000, tzinfo=zone)
+
+
+def test_a_packet_of_unfinished_properties_takes_no_time() -> None:
+    texts = PngInfo()
+    texts.add_itxt("XML:com.adobe.xmp", ":GpsLatitude>" * 80_000)  # each could extend to the end
+    content = io.BytesIO()
+    Image.new("L", (16, 16)).save(content, "PNG", pnginfo=texts)
+    assert read_priors(content.getvalue()) == PhotographPriors()
