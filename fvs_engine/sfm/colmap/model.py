@@ -59,11 +59,18 @@ def write_colmap(reconstruction: Reconstruction, folder: Path) -> None:
 
 
 def open_colmap(folder: Path) -> pycolmap.Reconstruction:
-    """Read the model in ``folder`` into pycolmap, with its tracks; raises ``StorageError``."""
+    """Read the model in ``folder`` into pycolmap, with its tracks.
+
+    Raises ``StorageError`` when there is none or it is damaged, ``InvalidInputError`` for a camera model in
+    text that COLMAP does not know.
+    """
     _require_sound(folder)
     try:
         with with_plain_text(folder) as plain:
+            _require_known_cameras(plain)
             model = pycolmap.Reconstruction(plain)
+    except InvalidInputError:
+        raise
     except Exception as error:  # pycolmap passes on any C++ exception
         raise _unreadable(folder) from error
     try:
@@ -73,6 +80,23 @@ def open_colmap(folder: Path) -> pycolmap.Reconstruction:
         for image_id, name in read_names(folder).items():
             model.images[image_id].name = name
     return model
+
+
+def _require_known_cameras(folder: Path) -> None:
+    text = folder / "cameras.txt"
+    if (folder / "cameras.bin").is_file() or not text.is_file():
+        return
+    for line in text.read_text(encoding="utf-8").splitlines():
+        _, model, *_ = (*line.split(), "", "")
+        if model and not line.startswith("#") and model not in pycolmap.CameraModelId.__members__:
+            raise _unknown_type(model)
+
+
+def _unknown_type(model: str) -> InvalidInputError:
+    return InvalidInputError(
+        f"The model has a camera of type {model}, which the engine does not know.",
+        hint=f"Convert it to one of {', '.join(CAMERA_MODELS)}.",
+    )
 
 
 def _unreadable(folder: Path) -> StorageError:
@@ -143,10 +167,7 @@ def camera_from_pycolmap(camera: pycolmap.Camera) -> Camera:
     """Convert a camera; raises ``InvalidInputError`` for a camera model that the engine does not know."""
     params = tuple(float(value) for value in camera.params)
     if camera.model_name not in CAMERA_MODELS:
-        raise InvalidInputError(
-            f"The model has a camera of type {camera.model_name}, which the engine does not know.",
-            hint=f"Convert it to one of {', '.join(CAMERA_MODELS)}.",
-        )
+        raise _unknown_type(camera.model_name)
     found = DistortedCamera(camera.model_name, camera.width, camera.height, params)
     if found.is_pinhole:
         return PinholeCamera(found.width, found.height, found.fx, found.fy, found.cx, found.cy)

@@ -386,3 +386,12 @@ def test_given_points_stay_and_the_matches_judge_the_cameras(
     report = triangulate(wrong, kermit_dir, kermit_folder, SfmSettings(), Monitor()).report
     assert report.verdict == "doubtful"
     assert [warning.code for warning in report.warnings] == [FindingCode.MATCH_SUPPORT]
+
+
+def test_a_text_model_names_the_camera_that_it_cannot_have(tmp_path: Path):
+    given = three_views(("a.jpg", "b.jpg", "c.jpg"))
+    to_pycolmap(given.views, points=given.points).write_text(tmp_path)
+    file = tmp_path / "cameras.txt"
+    file.write_text(file.read_text().replace("PINHOLE", "SPHERICAL"))
+    with pytest.raises(InvalidInputError, match="type SPHERICAL, which the engine does not know"):
+        import_colmap(tmp_path)
