@@ -11,6 +11,7 @@ from pathlib import Path, PurePosixPath
 from urllib.parse import quote
 
 from PIL import Image
+from PIL.ExifTags import Base
 from PIL.PngImagePlugin import PngInfo
 
 from fvs_engine.images.catalog import Photograph
@@ -23,7 +24,6 @@ from fvs_schema.stages import Stage
 
 _SUFFIXES = {"JPEG": (".jpg", ".jpeg", ".jpe"), "MPO": (".jpg", ".jpeg", ".jpe"), "PNG": (".png",)}
 _UNSAFE = re.compile(r"[\s#%]")
-_ORIENTATION_TAG = 0x0112
 _JPEG_QUALITY = 98
 _XMP_IN_JPEG = 65_000
 """The bytes of XMP that a segment of JPEG holds."""
@@ -140,7 +140,7 @@ def _encode_again(photograph: Photograph, target: Path, suffix: str, *, turn: bo
 def _upright_exif(exif: Image.Exif) -> bytes:
     """EXIF without the orientation, since the pixels are upright; empty if it is damaged."""
     try:
-        exif.pop(_ORIENTATION_TAG, None)
+        exif.pop(Base.Orientation, None)
         return exif.tobytes()
     except Exception:  # damaged EXIF cannot always be encoded again
         return b""

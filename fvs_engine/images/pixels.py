@@ -20,6 +20,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from PIL import Image, TiffImagePlugin, UnidentifiedImageError
+from PIL.ExifTags import Base
 
 from fvs_engine.images.limits import (
     DEFAULT_LIMITS,
@@ -31,7 +32,6 @@ from fvs_engine.images.limits import (
 from fvs_engine.images.unreadable import FORMATS, explain
 from fvs_schema.quantities import MAX_PIXELS
 
-_ORIENTATION_TAG = 0x0112
 _TRANSPOSITIONS = {
     2: Image.Transpose.FLIP_LEFT_RIGHT,
     3: Image.Transpose.ROTATE_180,
@@ -240,14 +240,14 @@ def upright_pixel(
 
 
 def _orientation(exif: Image.Exif) -> int:
-    found = exif.get(_ORIENTATION_TAG, 1)
+    found = exif.get(Base.Orientation, 1)
     return found if found in _TRANSPOSITIONS else 1
 
 
 def _exif(image: Image.Image) -> Image.Exif:
     try:
         exif = image.getexif()
-        exif.get(_ORIENTATION_TAG)
+        exif.get(Base.Orientation)
     except Exception:  # damaged metadata counts as none; the pixels are still good
         return Image.Exif()
     return exif
