@@ -1,5 +1,6 @@
 """Projected coordinate reference systems by their EPSG codes, and the height of the geoid."""
 
+import tempfile
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -131,17 +132,20 @@ def geoid_height_m(geoid: Path | float, position: GeodeticPosition) -> float:
         return geoid
     if not geoid.is_file():
         raise InvalidInputError(f"{geoid}: there is no such file.", hint=_GEOID, path=geoid)
-    steps = (
-        "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad "
-        f'+step +proj=vgridshift +grids="{geoid.absolute()}" +multiplier=1'
-    )
-    try:
-        shift = Transformer.from_pipeline(steps)
-    except ProjError as error:
-        raise InvalidInputError(
-            f"{geoid} is not a grid of geoid heights.", hint=_GEOID, path=geoid
-        ) from error
-    height = float(shift.transform(position.longitude_deg, position.latitude_deg, 0.0)[2])
+    with tempfile.TemporaryDirectory() as folder:  # PROJ takes a comma or quote in a path for its own
+        grid = Path(folder, f"grid{geoid.suffix}")
+        grid.symlink_to(geoid.absolute())
+        steps = (
+            "+proj=pipeline +step +proj=unitconvert +xy_in=deg +xy_out=rad "
+            f'+step +proj=vgridshift +grids="{grid}" +multiplier=1'
+        )
+        try:
+            shift = Transformer.from_pipeline(steps)
+        except ProjError as error:
+            raise InvalidInputError(
+                f"{geoid} is not a grid of geoid heights.", hint=_GEOID, path=geoid
+            ) from error
+        height = float(shift.transform(position.longitude_deg, position.latitude_deg, 0.0)[2])
     if not np.isfinite(height):
         raise InvalidInputError(
             f"{geoid} does not cover {position.latitude_deg:.4f}, {position.longitude_deg:.4f}.",

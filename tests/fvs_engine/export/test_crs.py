@@ -64,7 +64,7 @@ def test_wkt_is_understood(datum: AltitudeDatum) -> None:
 
 def test_the_geoid_is_interpolated_in_a_grid(tmp_path: Path) -> None:
     """GTX: the southwest corner, the steps and the size, then rows from south to north, big-endian."""
-    grid = tmp_path / "a geoid.gtx"
+    grid = tmp_path / 'a geoid, "EGM96".gtx'
     rows = np.array([[40.0, 44.0], [50.0, 54.0]], ">f4")
     grid.write_bytes(struct.pack(">4d2i", 50.0, -1.0, 1.0, 1.0, 2, 2) + rows.tobytes())
     assert geoid_height_m(grid, GeodeticPosition(50.5, -0.5, 0.0)) == pytest.approx(47.0)
