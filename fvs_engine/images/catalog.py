@@ -2,7 +2,7 @@
 
 import hashlib
 import os
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
 from pathlib import Path
@@ -12,6 +12,7 @@ from fvs_engine.files.folders import require_folder
 from fvs_engine.images.focal import focal_length_px
 from fvs_engine.images.limits import ImageLimits, UnusableImageError
 from fvs_engine.images.masks import mask_of
+from fvs_engine.images.names import match_names
 from fvs_engine.images.pixels import decode
 from fvs_engine.monitor import Monitor
 from fvs_schema.masks import find_mask, is_mask
@@ -93,25 +94,31 @@ def catalog_images(
     folder: Path,
     *,
     leave_out: Path | None = None,
+    masks: Mapping[str, Path | None] | None = None,
     monitor: Monitor | None = None,
     threads: int | None = None,
 ) -> ImageCatalog:
     """Decode every image below ``folder`` and separate the usable ones from the rest.
 
     Subfolders are searched; hidden files and folders are not, nor is the folder ``leave_out``. What is in a
-    folder ``masks`` is no photograph, and rejected where it is the mask of none. Of files with the same
-    content the first by name is kept. Progress is reported as stage ``images``. Raises
-    ``InvalidInputError`` when ``folder`` is not a readable folder, ``Cancelled``.
+    folder ``masks`` is no photograph, and rejected where it is the mask of none. ``masks``: name of a
+    photograph, as ``match_names`` reads it → the file with its mask, if any, which counts where the folder
+    has none for it; these files are no photographs either. Of files with the same content the first by name
+    is kept. Progress is reported as stage ``images``. Raises ``InvalidInputError`` when ``folder`` is not a
+    readable folder, and for an ambiguous name in ``masks``; ``Cancelled``.
     """
     monitor = monitor or Monitor()
     candidates: dict[str, Path] = {}
     rejected: list[RejectedImage] = []
     ignored: list[str] = []
-    masks: dict[Path, str] = {}
+    given = {file.resolve() for file in (masks or {}).values() if file is not None}
+    in_folders: dict[Path, str] = {}
     for name, path in _named_files(folder, leave_out):
         suffix = path.suffix.lower()
+        if given and path.resolve() in given:
+            continue
         if is_mask(name) and suffix in SUFFIXES:
-            masks[path] = name
+            in_folders[path] = name
         elif suffix in SUFFIXES and name in candidates:
             reason = "another file has this name, if bytes that are not UTF-8 are written like this."
             rejected.append(RejectedImage(name, reason, "Rename one of the two."))
@@ -125,7 +132,8 @@ def catalog_images(
 
     first_with: dict[str, str] = {}
     photographs: list[Photograph] = []
-    for result in _examined(folder, list(candidates.values()), monitor, threads):
+    files = _masked(candidates, masks or {})
+    for result in _examined(folder, files, monitor, threads):
         if isinstance(result, RejectedImage):
             rejected.append(result)
         elif result.sha256 in first_with:
@@ -134,8 +142,8 @@ def catalog_images(
         else:
             first_with[result.sha256] = result.name
             photographs.append(result)
-    used = {find_mask(folder, _below(folder, path)) for path in candidates.values()} if masks else set()
-    for path, name in masks.items():
+    used = {find_mask(folder, _below(folder, path)) for path in files} if in_folders else set()
+    for path, name in in_folders.items():
         if path not in used:
             reason = "it is in a folder of masks, and the mask of no photograph."
             hint = "The mask of a.jpg is masks/a.png or masks/a.jpg.png. Move photographs to another folder."
@@ -149,7 +157,8 @@ def require_usable(folder: Path, names: Sequence[str], *, monitor: Monitor | Non
 
     Stage ``images``. Raises ``InvalidInputError`` for the first that cannot be used, ``Cancelled``.
     """
-    for result in _examined(folder, [folder / name for name in names], monitor or Monitor(), None):
+    files = {folder / name: None for name in names}
+    for result in _examined(folder, files, monitor or Monitor(), None):
         if isinstance(result, RejectedImage):
             raise InvalidInputError(
                 f"{folder / result.name} cannot be used: {result.reason}",
@@ -158,13 +167,24 @@ def require_usable(folder: Path, names: Sequence[str], *, monitor: Monitor | Non
             )
 
 
+def _masked(candidates: Mapping[str, Path], masks: Mapping[str, Path | None]) -> dict[Path, Path | None]:
+    """Each of the ``candidates`` → the one of the ``masks`` that is given for it, if any."""
+    matches = match_names(masks, {name: name for name in candidates})
+    matches.require_unambiguous()
+    given = {candidates[name]: masks[given_name] for given_name, name in matches.found.items()}
+    return {path: given.get(path) for path in candidates.values()}
+
+
 def _examined(
-    folder: Path, files: Sequence[Path], monitor: Monitor, threads: int | None
+    folder: Path, files: Mapping[Path, Path | None], monitor: Monitor, threads: int | None
 ) -> Iterator[Photograph | RejectedImage]:
-    """The photograph or rejection of each of the ``files`` below ``folder``, in their order."""
+    """The photograph or rejection of each of the ``files`` below ``folder``, in their order.
+
+    Each has the mask that is given for it.
+    """
     executor = ThreadPoolExecutor(threads or os.cpu_count() or 1)
     try:
-        results = executor.map(lambda path: _examine(folder, path), files)
+        results = executor.map(lambda path: _examine(folder, path, files[path]), files)
         for done, result in enumerate(results, start=1):
             yield result
             monitor.report(Stage.IMAGES, done, len(files))
@@ -203,13 +223,13 @@ def _walk(folder: Path, leave_out: Path | None) -> Iterator[Path]:
                 yield Path(parent, name)
 
 
-def _examine(folder: Path, path: Path) -> Photograph | RejectedImage:
+def _examine(folder: Path, path: Path, mask: Path | None) -> Photograph | RejectedImage:
     own_name = _below(folder, path)
     name = readable_name(own_name)
     try:
         content = path.read_bytes()
         image = decode(content, _LIMITS)
-        masked = mask_of(folder, own_name) is not None
+        masked = mask_of(folder, own_name, mask) is not None
     except UnusableImageError as error:
         return RejectedImage(name, readable_name(error.message), error.hint)
     except OSError as error:
@@ -228,5 +248,5 @@ def _examine(folder: Path, path: Path) -> Photograph | RejectedImage:
         plain=image.plain,
         turned=image.turned,
         masked=masked,
-        mask=find_mask(folder, own_name),
+        mask=find_mask(folder, own_name) or mask,
     )

@@ -21,13 +21,13 @@ Mask = NDArray[np.bool_]
 _WHITE = np.uint8(255)
 
 
-def read_mask(folder: Path, name: str, *, turn: bool = False) -> Mask | None:
-    """The mask of the stored pixels of the photograph ``name`` in ``folder``; ``turn``: of the upright ones.
+def read_mask(folder: Path, name: str, file: Path | None = None, *, turn: bool = False) -> Mask | None:
+    """The mask of the photograph ``name`` in ``folder``, as ``mask_of`` has it.
 
-    Raises ``UnusableImageError``, naming the file.
+    Raises ``UnusableImageError``, naming the photograph.
     """
     try:
-        return mask_of(folder, name, turn=turn)
+        return mask_of(folder, name, file, turn=turn)
     except UnusableImageError as error:
         path = folder / name
         raise UnusableImageError(
@@ -35,14 +35,15 @@ def read_mask(folder: Path, name: str, *, turn: bool = False) -> Mask | None:
         ) from error
 
 
-def mask_of(folder: Path, name: str, *, turn: bool = False) -> Mask | None:
+def mask_of(folder: Path, name: str, file: Path | None = None, *, turn: bool = False) -> Mask | None:
     """The mask of the photograph ``name`` in ``folder``: of its file and its transparency.
 
-    It is that of the stored pixels, or with ``turn`` that of the upright ones. A file has that of the stored
-    pixels, or that of the upright ones where the two sizes differ and it has theirs. Raises
-    ``UnusableImageError`` when it cannot be read, has another size or leaves out everything.
+    Its file is what ``find_mask`` finds, else ``file``. The mask is that of the stored pixels, or with
+    ``turn`` that of the upright ones. A file has that of the stored pixels, or that of the upright ones where
+    the two sizes differ and it has theirs. Raises ``UnusableImageError`` when it cannot be read, has another
+    size or leaves out everything.
     """
-    found = _read(folder / name, find_mask(folder, name), turn)
+    found = _read(folder / name, find_mask(folder, name) or file, turn)
     if found is not None and not found.any():
         raise UnusableImageError(
             "its mask leaves out every pixel.",

@@ -85,7 +85,8 @@ def _write_both(photograph: Photograph, normalised: tuple[str, Path], turn: bool
     mask = None
     if photograph.masked:
         source = _folder_of(photograph.path, photograph.name)
-        mask = read_mask(source, photograph.path.relative_to(source).as_posix(), turn=turn)
+        own_name = photograph.path.relative_to(source).as_posix()
+        mask = read_mask(source, own_name, photograph.mask, turn=turn)
     if mask is None:
         file.unlink(missing_ok=True)
     else:

@@ -81,7 +81,8 @@ def reconstruct_folder(
                 f"The {what} in {given} lie inside the output folder {out}, and could be overwritten.",
                 hint="Choose an output folder outside.",
             )
-    catalog = catalog_images(photographs, leave_out=out, monitor=monitor, threads=threads)
+    masks = _given_masks(settings)
+    catalog = catalog_images(photographs, leave_out=out, masks=masks, monitor=monitor, threads=threads)
     for rejected in catalog.rejected:
         monitor.warn(
             Finding.of(
@@ -132,6 +133,15 @@ def _compute(
             )
         manifest = find_cameras(workspace, manifest, monitor=monitor, threads=threads)
     return train(workspace, manifest, monitor=monitor)
+
+
+def _given_masks(settings: ReconstructionSettings) -> Mapping[str, Path | None]:
+    """Frame → its mask, by the ``transforms.json``."""
+    if settings.transforms is None:
+        return {}
+    from fvs_engine.sfm.colmap.transforms_json import read_transforms_masks
+
+    return read_transforms_masks(Path(settings.transforms))
 
 
 def _require_photographs(catalog: ImageCatalog) -> None:

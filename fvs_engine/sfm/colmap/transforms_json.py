@@ -72,6 +72,31 @@ def read_transforms_poses(file: Path) -> dict[str, RigidTransform]:
     return {frame.name: frame.model_from_camera for frame in _frames(file)}
 
 
+def read_transforms_masks(file: Path) -> dict[str, Path | None]:
+    """Name → mask of the frames, None without one; empty if no frame has one.
+
+    It is the ``mask_path`` that nerfstudio writes, of the frame or of the file's head, relative to the file.
+    Raises ``InvalidInputError``, also for a mask that does not exist.
+    """
+    masks: dict[str, Path | None] = {}
+    for frame in _frames(file):
+        path = frame.fields.get("mask_path")
+        if path is None:
+            masks[frame.name] = None
+            continue
+        if not isinstance(path, str) or not path:
+            raise InvalidInputError(f"The mask_path of {frame.name} in {file} is not a path.", path=file)
+        mask = file.parent / path.replace("\\", "/")
+        if not mask.is_file():
+            raise InvalidInputError(
+                f"{mask}, the mask of {frame.name} in {file}, does not exist.",
+                hint="Add it, or remove the frame's mask_path. Paths are relative to the transforms.json.",
+                path=mask,
+            )
+        masks[frame.name] = mask
+    return masks if any(masks.values()) else {}
+
+
 def _frames(file: Path) -> list[_Frame]:
     head = read_json(file)
     if not isinstance(head, dict):

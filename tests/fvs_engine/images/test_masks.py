@@ -5,6 +5,7 @@ import numpy as np
 import pytest
 from PIL import Image
 
+from fvs_engine.errors import InvalidInputError
 from fvs_engine.images.catalog import ImageCatalog, catalog_images
 from fvs_engine.images.limits import UnusableImageError
 from fvs_engine.images.masks import read_mask, reduced_mask
@@ -163,6 +164,36 @@ def test_normalised_photographs_have_normalised_masks(tmp_path: Path) -> None:
     file.unlink()
     normalise_images(catalog_images(source).photographs, images)
     assert not written.exists()
+
+
+def test_masks_that_are_given_count_where_the_folder_has_none(tmp_path: Path) -> None:
+    folder, elsewhere = tmp_path / "images", tmp_path / "segments" / "1.png"
+    for seed, name in enumerate("abcd"):
+        _photograph(folder / f"{name}.jpg", seed)
+    _mask(elsewhere)
+    own, inside = _mask(folder / "masks" / "b.png", ~LEFT), _mask(folder / "segments" / "c.png")
+    masks = {"images/a.jpg": elsewhere, "images/b.jpg": elsewhere, "images/c.jpg": inside, "d.jpg": None}
+    catalog = catalog_images(folder, masks=masks)
+    assert not catalog.rejected
+    assert [(found.name, found.mask) for found in catalog.photographs] == [
+        ("a.jpg", elsewhere),
+        ("b.jpg", own),
+        ("c.jpg", inside),
+        ("d.jpg", None),
+    ]
+    normalised = tmp_path / "out" / "images"
+    normalise_images(catalog.photographs, normalised)
+    np.testing.assert_array_equal(read_mask(normalised, "a.jpg"), LEFT)
+    np.testing.assert_array_equal(read_mask(normalised, "b.jpg"), ~LEFT)
+    np.testing.assert_array_equal(read_mask(normalised, "c.jpg"), LEFT)
+    assert read_mask(normalised, "d.jpg") is None
+
+
+def test_the_mask_of_another_cameras_image_of_the_same_name_is_not_taken(tmp_path: Path) -> None:
+    _photograph(tmp_path / "images" / "left" / "a.jpg")
+    mask = _mask(tmp_path / "right.png")
+    with pytest.raises(InvalidInputError, match=r"right/a\.jpg may mean left/a\.jpg"):
+        catalog_images(tmp_path / "images", masks={"left/a.jpg": None, "right/a.jpg": mask})
 
 
 def _rejected(catalog: ImageCatalog) -> dict[str, str]:

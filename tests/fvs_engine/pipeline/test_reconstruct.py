@@ -1,5 +1,7 @@
-"""Photographs that EXIF turns, with and without given cameras: up to their normalised copies."""
+"""Photographs that EXIF turns or masks hide, with and without given cameras: up to normalised copies."""
 
+import hashlib
+import json
 from pathlib import Path
 
 import numpy as np
@@ -8,6 +10,7 @@ from PIL import Image
 
 from fvs_engine.errors import Cancelled
 from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.images.masks import read_mask
 from fvs_engine.monitor import Monitor, Progress
 from fvs_engine.pipeline.manifest import ReconstructionSettings
 from fvs_engine.pipeline.reconstruct import reconstruct_folder
@@ -21,7 +24,9 @@ from fvs_schema.stages import Stage
 NAMES = ("a.png", "b.png")
 
 
-def normalised(photographs: Path, out: Path, colmap: Path | None = None) -> list[Finding]:
+def normalised(
+    photographs: Path, out: Path, colmap: Path | None = None, transforms: Path | None = None
+) -> list[Finding]:
     """Reconstruct until the photographs are normalised; the findings."""
     findings: list[Finding] = []
 
@@ -30,7 +35,9 @@ def normalised(photographs: Path, out: Path, colmap: Path | None = None) -> list
             monitor.cancel()
 
     monitor = Monitor(on_progress=stop, on_warning=findings.append)
-    settings = ReconstructionSettings(colmap=str(colmap) if colmap else None)
+    settings = ReconstructionSettings(
+        colmap=str(colmap) if colmap else None, transforms=str(transforms) if transforms else None
+    )
     with pytest.raises(Cancelled):
         reconstruct_folder(photographs, out, settings, monitor=monitor)
     return findings
@@ -73,3 +80,23 @@ def test_given_cameras_belong_to_stored_pixels_unless_their_shape_says_otherwise
     if orientation == 6:
         assert normalised(photographs, out, model(tmp_path / "upright", 48, 64)) == []
         np.testing.assert_array_equal(result(), upright)
+
+
+def test_masks_of_a_transforms_json_are_those_of_its_photographs(tmp_path: Path):
+    photographs, out, file = tmp_path / "photographs", tmp_path / "out", tmp_path / "transforms.json"
+    photographs.mkdir()
+    for name, pixels in zip(NAMES, np.random.default_rng(0).integers(0, 255, (2, 48, 64, 3)), strict=True):
+        Image.fromarray(pixels.astype(np.uint8)).save(photographs / name)
+    mask = Image.new("L", (64, 48), 255)
+    mask.paste(0, (0, 0, 20, 48))
+    mask.save(tmp_path / "segment.png")
+    frames = [{"file_path": f"images/{name}", "transform_matrix": np.eye(4).tolist()} for name in NAMES]
+    frames[0]["mask_path"] = "segment.png"
+    file.write_text(json.dumps({"w": 64, "h": 48, "fl_x": 60, "frames": frames}))
+    (finding,) = normalised(photographs, out, transforms=file)
+    assert (finding.code, finding.images) == (FindingCode.WITHOUT_MASK, ("b.png",))
+    np.testing.assert_array_equal(read_mask(out / "images", "a.png"), np.asarray(mask) > 0)
+    manifest = Workspace(out).read_manifest()
+    assert manifest is not None
+    digest = hashlib.sha256((tmp_path / "segment.png").read_bytes()).hexdigest()
+    assert [record.mask_sha256 for record in manifest.images.photographs] == [digest, None]

@@ -12,7 +12,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera
 from fvs_engine.geometry.alignment.similarity import umeyama
 from fvs_engine.geometry.cameras import DistortedCamera
-from fvs_engine.sfm.colmap.transforms_json import import_transforms_json
+from fvs_engine.sfm.colmap.transforms_json import import_transforms_json, read_transforms_masks
 
 
 def frame(name: str, x: float = 0.0) -> dict[str, Any]:
@@ -188,3 +188,23 @@ def test_cameras_far_from_zero_are_moved_to_the_middle_without_loss(tmp_path: Pa
     np.testing.assert_allclose(found, centres - imported.origin, atol=1e-5)
     near = write(tmp_path, **HEAD, frames=[frame("a.jpg", x=40.0), frame("b.jpg", x=41.0)])
     assert not import_transforms_json(near).origin.any()
+
+
+def test_masks_are_those_of_frames_or_of_the_head(tmp_path: Path):
+    masks = [tmp_path / "segments" / name for name in ("a.png", "all.png")]
+    masks[0].parent.mkdir()
+    for mask in masks:
+        mask.touch()
+    frames = [frame("a.jpg") | {"mask_path": "segments\\a.png"}, frame("b.jpg")]
+    assert read_transforms_masks(write(tmp_path, frames=frames)) == {"a.jpg": masks[0], "b.jpg": None}
+    file = write(tmp_path, mask_path="segments/all.png", frames=frames)
+    assert read_transforms_masks(file) == {"a.jpg": masks[0], "b.jpg": masks[1]}
+    assert read_transforms_masks(write(tmp_path, frames=[frame("a.jpg"), frame("b.jpg")])) == {}
+
+
+@pytest.mark.parametrize(
+    ("mask", "message"), [("none.png", "none.png, the mask of a.jpg"), (3, "The mask_path of a.jpg")]
+)
+def test_masks_that_do_not_exist_are_named(mask: object, message: str, tmp_path: Path):
+    with pytest.raises(InvalidInputError, match=message):
+        read_transforms_masks(write(tmp_path, frames=[frame("a.jpg") | {"mask_path": mask}]))
