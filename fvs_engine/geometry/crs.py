@@ -87,8 +87,9 @@ class NamedCrs:
         else:
             longitudes, latitudes = self._to_wgs84.transform(x, y)
             altitudes = z * self._height_unit_m
-        # At the antimeridian longitudes may go on beyond 180.
-        longitudes = np.where(np.abs(longitudes) <= 360.0, (longitudes + 180.0) % 360.0 - 180.0, longitudes)
+        # At the antimeridian longitudes may go on beyond 180; what is not on Earth is infinite.
+        known = np.abs(longitudes) <= 360.0
+        longitudes = np.where(known, (np.where(known, longitudes, 0.0) + 180.0) % 360.0 - 180.0, longitudes)
         found = []
         for given, *numbers in zip(coordinates.tolist(), latitudes, longitudes, altitudes, strict=True):
             written = ", ".join(f"{number:.10g}" for number in given)

@@ -266,10 +266,10 @@ def test_views_become_missions(compare: Compare) -> None:
         refused(tenant.call("GetRankingMission", ranking_id="rnk_0", format="csv"), "not-found")
         here = {"candidates": candidates, "vehicles": [one["pose"] for one in candidates]}
         plan = tenant.call("PlanViews", here, scene_id=scene).result["id"]
-        for vehicle in (0, 1):
+        for vehicle in (1, 2):
             assert tenant.call("GetPlanMission", plan_id=plan, format="csv", vehicle=vehicle, **home).result
-        refused(tenant.call("GetPlanMission", plan_id=plan, format="csv", vehicle=2), "invalid-request")
-        refused(tenant.call("GetPlanMission", plan_id=plan, format="csv", vehicle=-1), "invalid-request")
+        refused(tenant.call("GetPlanMission", plan_id=plan, format="csv", vehicle=3), "invalid-request")
+        refused(tenant.call("GetPlanMission", plan_id=plan, format="csv", vehicle=0), "invalid-request")
         refused(tenant.call("GetPlanMission", plan_id="pln_0", format="csv"), "not-found")
 
     compare(scenario)

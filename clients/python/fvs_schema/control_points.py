@@ -41,7 +41,7 @@ class ControlPoint(Input):
     """The height in metres; without one the point only checks the horizontal position."""
     check: bool = False
     """Whether it is a check point: measured, and not used for the alignment."""
-    marks: Annotated[tuple[Mark, ...], within(1_000)] = ()
+    marks: Annotated[tuple[Mark, ...], Field(fail_fast=True), within(1_000)] = ()
     """Where images show it, each once."""
 
     @model_validator(mode="after")
@@ -82,7 +82,7 @@ class ControlPoints(Input):
     """The CRS of x and y: `EPSG:25832`, `WGS84 UTM 32N`, or a PROJ string."""
     altitude_datum: AltitudeDatum | None = None
     """What heights are measured from; by default as the CRS says, and above sea level where it does not."""
-    points: Annotated[tuple[ControlPoint, ...], Field(min_length=1), within(1_000)]
+    points: Annotated[tuple[ControlPoint, ...], Field(min_length=1, fail_fast=True), within(1_000)]
     """The points."""
 
     @model_validator(mode="after")

@@ -79,6 +79,17 @@ REQUESTS: Mapping[str, list[dict[str, Any]]] = {
             for volume in VOLUMES
         ),
     ],
+    "/v1/scenes/{scene_id}/control-points": [
+        {
+            "crs": "EPSG:25832",
+            "points": [
+                {
+                    **{"name": "a", "x": 370_000.0, "y": 5_350_000.0, "z": 400.0},
+                    "marks": [{"image": "a.jpg", "x_px": 100.5, "y_px": 200.5}],
+                }
+            ],
+        },
+    ],
     "/v1/scenes/{scene_id}/visits": [
         {
             **{"vehicle": "a", "state": "failed", "expires_in_s": 60},
@@ -233,9 +244,13 @@ def _names_before(document: Mapping[str, Any], path: str, request: Mapping[str, 
 
 def _body(document: Mapping[str, Any], path: str) -> Mapping[str, Any]:
     """The schema of a path's body."""
-    content = document["paths"][path]["post"]["requestBody"]["content"]
+    content = document["paths"][path][_method(document, path)]["requestBody"]["content"]
     schema: Mapping[str, Any] = content["application/json"]["schema"]
     return schema
+
+
+def _method(document: Mapping[str, Any], path: str) -> str:
+    return next(method for method in ("post", "put") if method in document["paths"][path])
 
 
 def _check(answer: Any, where: str, *, refused: bool, field: str) -> None:
@@ -334,7 +349,8 @@ def test_extreme_numbers_in_bodies_are_refused_by_name_or_used(
         monkeypatch.setattr(gateway.runners, "rank", _unrendered)
     address = path.format(scene_id=scenes[True])
     options = OPTIONS.get(path)
-    plain = gateway.client.post(address, json=request_, params=options)
+    method = _method(document, path)
+    plain = gateway.client.request(method, address, json=request_, params=options)
     assert plain.status_code < 300, plain.text
     tried, names_before = 0, _names_before(document, path, request_)
     for where, name, schema in _numbers(document, _body(document, path), request_, (), ""):
@@ -349,9 +365,8 @@ def test_extreme_numbers_in_bodies_are_refused_by_name_or_used(
             ):
                 continue
             content = _replaced(request_, where, text)
-            answer = gateway.client.post(
-                address, content=content, headers={"Content-Type": "application/json"}, params=options
-            )
+            headers = {"Content-Type": "application/json"}
+            answer = gateway.client.request(method, address, content=content, headers=headers, params=options)
             field = ".".join(map(str, where))
             _check(answer, f"{name} = {text[:40]}", refused=refused, field=field)
             tried += 1
