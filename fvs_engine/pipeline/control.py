@@ -7,7 +7,6 @@ from typing import Literal
 
 from PIL import Image
 
-from fvs_engine.control.gcp_list import read_gcp_list
 from fvs_engine.control.marks import sight_of
 from fvs_engine.control.residuals import align_by_control
 from fvs_engine.control.triangulation import Sight
@@ -25,6 +24,7 @@ from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.stages import SfmFolder
 from fvs_schema.control_points import ControlPoints, ControlResiduals
 from fvs_schema.findings import Finding, FindingCode
+from fvs_schema.gcp_list import GcpListError, read_gcp_list
 from fvs_schema.scenes import Alignment, AltitudeDatum, Origin
 
 
@@ -59,7 +59,10 @@ def align_folder(
         raise InvalidInputError(
             f"{root} holds no cameras yet.", hint="Run the same `fvs reconstruct` again to go on.", path=root
         )
-    points = read_gcp_list(read_text(file), file, check)
+    try:
+        points = read_gcp_list(read_text(file), file, check)
+    except GcpListError as error:
+        raise InvalidInputError(error.message, hint=error.hint, path=file) from error
     if heights is not None:
         points = points.model_copy(update={"altitude_datum": heights})
     sights = _Marked(workspace, manifest, points, monitor).sights()

@@ -15,11 +15,11 @@ from av.video.stream import VideoStream
 from PIL import Image
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.files.json_input import decoded_text
 from fvs_engine.images.sharpness import SHARPNESS_SIDE_PX, measure_sharpness
 from fvs_engine.video.dji_subtitles import read_subtitle, read_subtitles
 from fvs_engine.video.gpmf import is_gpmf, read_gpmf
 from fvs_engine.video.track import Record, Track
+from fvs_schema.text_files import decoded_text
 
 _DAMAGE = (FFmpegError, OSError)
 """What is raised for a video that is damaged, or on a disk that is."""

@@ -13,8 +13,8 @@ from pathlib import Path
 
 import pycolmap
 
-from fvs_engine.files.json_input import decoded_text
 from fvs_engine.images.names import decoded_name
+from fvs_schema.text_files import decoded_text
 
 _COUNT = struct.Struct("<Q")
 _CAMERA_HEAD = struct.Struct("<IiQQ")  # id, model, width, height

@@ -5,6 +5,7 @@ from typing import Annotated
 import typer
 
 from fvs_client.cli import (
+    control_points,
     fly,
     images,
     jobs,
@@ -30,6 +31,7 @@ app.command("originals")(images.originals)
 app.command("exclude")(images.exclude)
 app.command("include")(images.include)
 app.command("delete-images")(images.delete)
+app.command("control-points")(control_points.control_points)
 app.command("update")(jobs.update)
 app.command("fine")(jobs.fine)
 app.command("rank")(rankings.rank)

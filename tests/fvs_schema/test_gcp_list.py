@@ -2,9 +2,8 @@ from pathlib import Path
 
 import pytest
 
-from fvs_engine.control.gcp_list import read_gcp_list
-from fvs_engine.errors import InvalidInputError
 from fvs_schema.control_points import ControlPoints
+from fvs_schema.gcp_list import GcpListError, read_gcp_list
 
 FILE = Path("gcp_list.txt")
 CRS = "+proj=utm +zone=10 +ellps=WGS84 +datum=WGS84 +units=m +no_defs"
@@ -58,7 +57,7 @@ def test_check_points_are_named_or_have_the_word_after_their_name() -> None:
     ],
 )
 def test_what_is_wrong_is_named_with_its_line(lines: tuple[str, ...], message: str) -> None:
-    with pytest.raises(InvalidInputError) as raised:
+    with pytest.raises(GcpListError) as raised:
         _read(*lines)
     assert message in raised.value.message
     assert str(FILE) in raised.value.message
@@ -66,7 +65,7 @@ def test_what_is_wrong_is_named_with_its_line(lines: tuple[str, ...], message: s
 
 
 def test_an_empty_file_and_an_unknown_check_point() -> None:
-    with pytest.raises(InvalidInputError, match="no points"):
+    with pytest.raises(GcpListError, match="no points"):
         read_gcp_list("\n \n", FILE)
-    with pytest.raises(InvalidInputError, match="named Z"):
+    with pytest.raises(GcpListError, match="named Z"):
         _read("1 2 3 4 5 a.jpg p", check=("Z*",))

@@ -9,7 +9,6 @@ from dataclasses import dataclass, field
 from fnmatch import fnmatchcase
 from pathlib import Path
 
-from fvs_engine.errors import InvalidInputError
 from fvs_schema.control_points import ControlPoint, ControlPoints, Mark
 from fvs_schema.mistakes import InvalidInput
 
@@ -17,6 +16,15 @@ _COLUMNS = ("geo_x", "geo_y", "geo_z", "im_x", "im_y")
 _FORM = "Write geo_x geo_y geo_z im_x im_y image_name [gcp_name], parted by tabs or spaces."
 _CHECK = "check"
 """The word in a column after the name that makes a check point."""
+
+
+class GcpListError(ValueError):
+    """The file cannot be used; ``message`` says why and where, ``hint`` what to do."""
+
+    def __init__(self, message: str, *, hint: str) -> None:
+        super().__init__(message)
+        self.message = message
+        self.hint = hint
 
 
 @dataclass
@@ -33,25 +41,20 @@ def read_gcp_list(text: str, file: Path, check: Sequence[str] = ()) -> ControlPo
     """The points of the file's ``text``; those that match a pattern in ``check`` are check points.
 
     So are those with the word ``check`` in a column after the name. Lines of one name, or without a name of
-    the same coordinates, are the marks of one point. Raises ``InvalidInputError`` with the number of the
-    line.
+    the same coordinates, are the marks of one point. Raises ``GcpListError`` with the number of the line.
     """
     lines = [(number, line.strip()) for number, line in enumerate(text.splitlines(), start=1) if line.strip()]
     if len(lines) < 2:
-        raise InvalidInputError(
-            f"{file} has no points.", hint=f"Its first line is the CRS. {_FORM}", path=file
-        )
+        raise GcpListError(f"{file} has no points.", hint=f"Its first line is the CRS. {_FORM}")
     points: dict[str, _Point] = {}
     for number, line in lines[1:]:
         try:
             _add(points, number, line)
-        except InvalidInputError as error:
-            raise InvalidInputError(
-                f"{file}, line {number}: {error.message}", hint=error.hint, path=file
-            ) from error
+        except GcpListError as error:
+            raise GcpListError(f"{file}, line {number}: {error.message}", hint=error.hint) from error
     unmatched = [pattern for pattern in check if not any(fnmatchcase(name, pattern) for name in points)]
     if unmatched:
-        raise InvalidInputError(
+        raise GcpListError(
             f"No point of {file} is named {unmatched[0]}.",
             hint=f"Its first is {next(iter(points))}.",
         )
@@ -71,20 +74,20 @@ def read_gcp_list(text: str, file: Path, check: Sequence[str] = ()) -> ControlPo
             ),
         )
     except InvalidInput as error:
-        raise InvalidInputError(f"{file} cannot be used: {error}.", hint=_FORM, path=file) from error
+        raise GcpListError(f"{file} cannot be used: {error}.", hint=_FORM) from error
 
 
 def _add(points: dict[str, _Point], number: int, line: str) -> None:
     # Between tabs the names of images may have spaces.
     columns = [column.strip() for column in line.split("\t")] if line.count("\t") >= 5 else line.split()
     if len(columns) < 6:
-        raise InvalidInputError(f"it has {len(columns)} columns, and needs six or more.", hint=_FORM)
+        raise GcpListError(f"it has {len(columns)} columns, and needs six or more.", hint=_FORM)
     x, y, z, im_x, im_y = map(_number, _COLUMNS, columns)
     coordinates, (image, *rest) = (x, y, z), columns[5:]
     name = rest[0] if rest and rest[0] else _unnamed(points, coordinates)
     point = points.setdefault(name, _Point(coordinates, number))
     if str(point.coordinates) != str(coordinates):  # NaN is not equal to itself
-        raise InvalidInputError(
+        raise GcpListError(
             f"{name} has other coordinates than in line {point.line}.",
             hint="Give different points different names.",
         )
@@ -92,11 +95,11 @@ def _add(points: dict[str, _Point], number: int, line: str) -> None:
     try:
         point.marks.append(Mark(image=image, x_px=im_x, y_px=im_y))
     except InvalidInput as error:
-        raise InvalidInputError(
+        raise GcpListError(
             f"its mark in {image} is at {im_x:g}, {im_y:g} px.", hint="Pixels count from the top left corner."
         ) from error
     if [mark.image for mark in point.marks].count(image) > 1:
-        raise InvalidInputError(f"{name} has a second mark in {image}.", hint="Leave one of the two out.")
+        raise GcpListError(f"{name} has a second mark in {image}.", hint="Leave one of the two out.")
 
 
 def _unnamed(points: dict[str, _Point], coordinates: tuple[float, float, float]) -> str:
@@ -108,7 +111,7 @@ def _number(column: str, text: str) -> float:
     try:
         number = float(text)
     except ValueError as error:
-        raise InvalidInputError(f"{column} is {text}, which is not a number.", hint=_FORM) from error
+        raise GcpListError(f"{column} is {text}, which is not a number.", hint=_FORM) from error
     if math.isfinite(number) or (column == "geo_z" and math.isnan(number)):
         return number
-    raise InvalidInputError(f"{column} is {text}.", hint=_FORM)
+    raise GcpListError(f"{column} is {text}.", hint=_FORM)
