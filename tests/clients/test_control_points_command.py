@@ -19,10 +19,10 @@ LINES = (
 
 
 def test_a_gcp_list_becomes_the_control_points_of_a_scene(run: Run, client: Client, tmp_path: Path) -> None:
-    scene = client.scenes.create("quarry")
+    scene = client.scenes.create("surveyed quarry")
     file = tmp_path / "gcp_list.txt"
     file.write_text("\n".join(LINES), encoding="utf-16")
-    said = run("control-points", "quarry", "--gcp", str(file)).stdout
+    said = run("control-points", "surveyed quarry", "--gcp", str(file)).stdout
     assert said == "control points  1\ncheck points    1\n"
     points = scene.control_points()
     assert points.crs == "EPSG:25832"
@@ -46,5 +46,5 @@ def test_a_gcp_list_that_cannot_be_used_is_refused(
 ) -> None:
     file = tmp_path / "gcp_list.txt"
     file.write_bytes(content)
-    said = run("control-points", "quarry", "--gcp", str(file), expect=2).stderr
+    said = run("control-points", "surveyed quarry", "--gcp", str(file), expect=2).stderr
     assert message in " ".join(said.replace("│", " ").split())
