@@ -368,7 +368,7 @@ WORDING: Mapping[FindingCode, tuple[str, str]] = {
         "Check them. They are in px of the file as it is stored, from its top left corner.",
     ),
     FindingCode.MARKED_IMAGES_UNKNOWN: (
-        "{count} marked images are not there: {images}. Their marks are not used.",
+        "Marks in images that are not there are not used: {images}.",
         "Check their names.",
     ),
     FindingCode.CONTROL_POINTS_UNUSED: ("The control points are not used. {why}", "{remedy}"),

@@ -85,8 +85,8 @@ def _require_enough(
     }
     why = "; ".join(f"{status}: {listed(names)}" for status, names in reasons.items() if names)
     raise InvalidInputError(
-        f"{usable} control points are measured and have a height; an alignment needs {MIN_POINTS}."
-        + (f" Not measured are {why}." if why else ""),
+        f"An alignment needs {MIN_POINTS} control points that are measured and have a height; "
+        f"there are {usable}." + (f" Not measured: {why}." if why else ""),
         hint="Mark each point in two photographs or more that look at it from different sides, in px of the "
         "files as they are stored; use fewer as check points.",
     )
