@@ -120,7 +120,7 @@ def test_a_failure_keeps_the_earlier_alignment(made: GeoreferencedFolder) -> Non
     text = path.read_text(encoding="utf-8-sig")
     for bad, message in (
         (text.replace("WGS84 UTM 30N", "EPSG:99999"), "EPSG:99999"),
-        ("\n".join(text.splitlines()[:2]), "0 control points .* seen-once: G1"),
+        ("\n".join(text.splitlines()[:2]), "3 control points .* there are 0.* seen-once: G1"),
         (text + "\n651000 5632000 3 900 20 1.jpg G6", "900, 20 px"),
     ):
         path.write_text(bad)
