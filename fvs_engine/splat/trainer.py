@@ -28,11 +28,11 @@ from fvs_engine.splat.densification import (
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.losses import photometric_loss
 from fvs_engine.splat.optimiser import GaussianAdam, learning_rates_at
-from fvs_engine.splat.raster.interface import Rasterizer, Rendering
+from fvs_engine.splat.raster.interface import NEAR_PLANE, Rasterizer, Rendering
 from fvs_engine.splat.settings import TrainingSettings
 from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.view_order import ViewOrder
-from fvs_engine.splat.views import TrainingView, scene_extent
+from fvs_engine.splat.views import TrainingView, median_depth, scene_extent
 from fvs_schema.stages import Stage
 
 _RATE_SMOOTHING = 0.05
@@ -89,7 +89,7 @@ class Trainer:
     ``extent``: the length that learning rates and size limits are proportional to (``scene_extent``).
     ``repeats``: how often each view comes in an epoch, once by default.
 
-    Raises ``TrainingError`` when there is no view or no Gaussian.
+    Raises ``TrainingError`` when there is no view or no Gaussian, or most are too near to be rendered.
     """
 
     def __init__(
@@ -119,7 +119,14 @@ class Trainer:
         self.iteration = 0
         self.gaussians = _trainable(gaussians.to(rasterizer.device))
         self.views = tuple(views)
-        self.extent = scene_extent(views, gaussians.means.detach().cpu().numpy())
+        means = gaussians.means.detach().cpu().numpy()
+        if median_depth(views, means) < NEAR_PLANE:
+            raise TrainingError(
+                f"Most points are nearer than {NEAR_PLANE} to the cameras, and such are not rendered: the "
+                "model's unit of length is too large.",
+                hint="Scale the model, cameras and points alike, so that the cameras are about 1 apart.",
+            )
+        self.extent = scene_extent(views, means)
         self.optimiser = GaussianAdam(self.gaussians)
         self.statistics = GradientStatistics(len(gaussians), rasterizer.device)
         self._reduction = settings.reduction_at(0)

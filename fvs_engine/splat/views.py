@@ -1,5 +1,6 @@
 """Training views: views with their photographs."""
 
+import math
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 
@@ -83,3 +84,17 @@ def scene_extent(views: Sequence[TrainingView], points: NDArray[np.float32]) -> 
     if extent > 1e-6 * max(1.0, float(np.abs(centre).max())):
         return extent
     return float(np.median(np.linalg.norm(points - centre, axis=1)))
+
+
+def median_depth(views: Sequence[TrainingView], points: NDArray[np.float32]) -> float:
+    """The median over the views of the median depth of those of ``points`` [N, 3] in front of the camera.
+
+    Infinite where no view has a point in front of it.
+    """
+    medians = []
+    for view in views:
+        pose = view.camera_from_model
+        depths = points @ pose.rotation[2].astype(np.float32) + np.float32(pose.translation[2])
+        if (depths > 0).any():
+            medians.append(float(np.median(depths[depths > 0])))
+    return float(np.median(medians)) if medians else math.inf

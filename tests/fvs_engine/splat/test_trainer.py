@@ -109,6 +109,19 @@ def test_every_view_once_per_epoch(scene_views: Views, start: Start, cpu: Raster
     assert epochs[0] != epochs[1]
 
 
+def test_a_model_in_a_unit_so_large_that_nothing_is_rendered_is_refused(
+    scene_views: Views, start: Start, cpu: Rasterizer
+) -> None:
+    def scaled(view: TrainingView, factor: float) -> TrainingView:
+        pose = view.camera_from_model
+        return replace(view, camera_from_model=replace(pose, translation=factor * pose.translation))
+
+    gaussians = start(1)
+    gaussians.means *= 1e-3
+    with pytest.raises(TrainingError, match="unit of length is too large"):
+        Trainer([scaled(view, 1e-3) for view in scene_views], gaussians, SETTINGS, cpu)
+
+
 def test_progress_and_cancellation(scene_views: Views, start: Start, cpu: Rasterizer, tmp_path: Path) -> None:
     reports: list[Progress] = []
 
