@@ -67,6 +67,7 @@ MODELS_OF_REST = {
     "Health": "grpc.health.v1",
     "Problem": "google.rpc.Status",
     "ProblemField": "google.rpc.BadRequest",
+    "RefusedMask": "of a form",
     "UploadAnswer": "of a form",
     "UploadItem": "of a form",
 }

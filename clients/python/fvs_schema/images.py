@@ -326,8 +326,21 @@ class UploadItem(Output):
     """The image, with its verdict."""
 
 
+class RefusedMask(Output):
+    """A mask of a multipart upload that no image has."""
+
+    name: str
+    """The name of the file in the form."""
+    reason: str
+    """Why it is not used."""
+    hint: str
+    """What to do about it."""
+
+
 class UploadAnswer(Output):
-    """The images of a multipart upload, in the order of its files."""
+    """The images of a multipart upload, in the order of its files, with the masks of the form."""
 
     items: tuple[UploadItem, ...]
-    """An item for each file."""
+    """An item for each image."""
+    refused_masks: tuple[RefusedMask, ...]
+    """The masks that are not used; their images are in the scene without them."""

@@ -1,6 +1,6 @@
 """Where the mask of a photograph is, for the engine and the client."""
 
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path, PurePosixPath
 
 MASKS = "masks"
@@ -21,13 +21,22 @@ def find_mask(folder: Path, name: str) -> Path | None:
     folder ``images`` may also be in a folder ``masks`` beside it.
     """
     for place in _places(folder, PurePosixPath(name)):
-        if (file := place.with_name(f"{place.name}.png")).is_file():
-            return file
-        file = place.with_suffix(".png")
-        # `a.png` is the mask of `a.jpg`, but `a.jpg.png` not that of `a.jpg.tif` where there is an `a.jpg`.
-        if file.is_file() and not (folder / name).with_name(file.stem).is_file():
-            return file
+        for mask in mask_names(place.name, lambda other: (folder / name).with_name(other).is_file()):
+            if (file := place.with_name(mask)).is_file():
+                return file
     return None
+
+
+def mask_names(name: str, is_photograph: Callable[[str], bool]) -> Iterator[str]:
+    """The names that the mask of the photograph ``name`` may have in a folder of masks, the first one first.
+
+    ``is_photograph``: whether there is a photograph of that name beside it.
+    """
+    yield f"{name}.png"
+    stem = PurePosixPath(name).stem
+    # `a.png` is the mask of `a.jpg`, but `a.jpg.png` not that of `a.jpg.tif` where there is an `a.jpg`.
+    if not is_photograph(stem):
+        yield f"{stem}.png"
 
 
 def _places(folder: Path, name: PurePosixPath) -> Iterator[Path]:

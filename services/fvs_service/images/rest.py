@@ -15,13 +15,9 @@ from fvs_schema.images import (
     Image,
     ImageList,
     ImageMetadata,
-    UploadAnswer,
-    UploadItem,
 )
-from fvs_schema.mistakes import InvalidInput
 from fvs_service.application import Application
 from fvs_service.errors import (
-    InvalidRequestError,
     UnsupportedMediaTypeError,
 )
 from fvs_service.gateway.rest.bodies import blocks, declared_bytes, json_body
@@ -31,13 +27,11 @@ from fvs_service.gateway.rest.dependencies import (
     Caller,
     Counters,
     Paging,
-    Parsing,
     SceneId,
     SceneUploader,
     to_upload,
 )
 from fvs_service.gateway.rest.digests import declared_digest, repr_digest
-from fvs_service.gateway.rest.multipart import UploadedFile, receive_files
 from fvs_service.gateway.rest.ranges import IfRange, RangeHeader, ranged_response
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.images.reception import Reception
@@ -53,36 +47,12 @@ router = json_router("/v1/scenes/{scene_id}", "images")
 Hex = Annotated[
     str, Path(pattern=r"^[0-9a-f]{64}$", description="The SHA-256 of the image's bytes.", examples=["0" * 64])
 ]
-_MOST_FILES = 200
-"""Maximum number of files in a form."""
 _SUM = "The SHA-256 of the body as `sha-256=:…:`, in base64; it must be that of the path."
 _ReprDigest = Annotated[str | None, Header(alias="Repr-Digest", description=_SUM)]
 _ContentDigest = Annotated[str | None, Header(alias="Content-Digest", description=_SUM)]
 _BINARY: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
 _PUT: dict[str, Any] = {"requestBody": {"required": True, "content": {"application/octet-stream": _BINARY}}}
 _MASK: dict[str, Any] = {"requestBody": {"required": True, "content": {"image/png": _BINARY}}}
-_FORM: dict[str, Any] = {
-    "requestBody": {
-        "required": True,
-        "content": {
-            "multipart/form-data": {
-                "schema": {
-                    "type": "object",
-                    "properties": {
-                        "file": {
-                            "type": "array",
-                            "minItems": 1,
-                            "items": _BINARY["schema"],
-                            "description": "The files, one or more.",
-                        }
-                    },
-                    "required": ["file"],
-                    "additionalProperties": False,
-                }
-            }
-        },
-    }
-}
 _BYTES = {"content": dict.fromkeys(sorted({*MEDIA_TYPES.values()}), _BINARY)}
 _CONTENT: dict[int | str, dict[str, Any]] = {
     200: {"description": "The whole image.", **_BYTES},
@@ -129,30 +99,6 @@ async def upload_image(
     response.headers["Location"] = f"/v1/scenes/{scene_id}/images/{digest}"
     response.headers["Repr-Digest"] = repr_digest(digest)
     return image
-
-
-@router.post("/images", openapi_extra=_FORM)
-async def upload_images(
-    app: App, caller: SceneUploader, metrics: Counters, parsing: Parsing, scene_id: SceneId, request: Request
-) -> UploadAnswer:
-    """Send images as a form. Those that have fully arrived when the connection breaks are kept."""
-    await run_in_threadpool(app.images.require_open, caller, scene_id)
-    items = []
-    with app.upload_places.place(caller, request.state.pace, declared_bytes(request)) as place:
-        files = receive_files(request, app.uploads, _MOST_FILES, parsing)
-        while (file := await _next(files, place)) is not None:
-            metadata = _named(file.name)
-            async with app.inspection_turns.turn(caller):
-                image, new = await run_in_threadpool(
-                    app.images.store, caller, scene_id, file.staged, metadata
-                )
-            _count(metrics, image, created=new)
-            items.append(UploadItem(name=file.name, created=new, image=image))
-    if not items:
-        raise InvalidRequestError(
-            "The form has no file.", hint="Send one, as in curl -F file=@photograph.jpg."
-        )
-    return UploadAnswer(items=tuple(items))
 
 
 @router.get("/images")
@@ -298,24 +244,6 @@ async def _received_unsized(
         require_digest(staged.digest, digest)
         async with app.inspection_turns.turn(caller):
             return await to_its_end(run_in_threadpool(app.images.store, caller, scene_id, staged, metadata))
-
-
-async def _next(files: AsyncIterator[UploadedFile], place: UploadPlace) -> UploadedFile | None:
-    """The next file of a form; None after the last."""
-    async with place.receiving():
-        return await anext(files, None)
-
-
-def _named(filename: str) -> ImageMetadata:
-    """The name of a file in a form, without folders, which some browsers send (RFC 7578, section 4.2).
-
-    An invalid name must not fail the form: the image is then named by its digest.
-    """
-    name = filename.replace("\\", "/").rpartition("/")[2]
-    try:
-        return ImageMetadata(name=name)
-    except InvalidInput:
-        return ImageMetadata()
 
 
 def _require_image_type(request: Request) -> None:

@@ -25,6 +25,7 @@ from fvs_service.gateway.rest.origins import OriginGuard
 from fvs_service.gateway.rest.refusal_guard import RefusalGuard
 from fvs_service.gateway.rest.routing import JsonRoute
 from fvs_service.images import rest as images
+from fvs_service.images import rest_forms as forms
 from fvs_service.images import rest_uploads as uploads
 from fvs_service.images.rest_tus import TusProtocol
 from fvs_service.jobs import rest as jobs
@@ -52,6 +53,7 @@ _PARSERS = 1
 _RESOURCES = (
     scenes,
     images,
+    forms,
     uploads,
     jobs,
     events,

@@ -102,6 +102,68 @@ def test_masks_that_cannot_be_used(gateway: Any, photograph: Photograph, mask: b
     assert blobs(gateway, scene) == []
 
 
+def test_a_form_has_masks_in_any_order(gateway: Any, photograph: Photograph) -> None:
+    scene, contents = gateway.scene(), [photograph(seed) for seed in range(4)]
+    halves = [png(np.tile(np.arange(96) < edge, (64, 1))) for edge in (20, 40, 60)]
+    files = [
+        ("mask", ("a.png", halves[0])),
+        ("file", ("a.jpg", contents[0])),
+        ("file", ("flight 1/b.tif", contents[1])),
+        ("file", ("flight 1/masks/b.tif.png", halves[1])),
+        ("file", ("c.png", contents[2])),
+        ("file", ("d.png", contents[3])),
+        ("mask", ("masks\\c.png", halves[2])),
+    ]
+    for created in (True, False):
+        answer = gateway.client.post(f"/v1/scenes/{scene}/images", files=files).json()
+        assert not answer["refused_masks"]
+        assert [item["created"] for item in answer["items"]] == [created] * 4
+        images = [item["image"] for item in answer["items"]]
+        assert [image["mask"] for image in images] == [*map(digest_of, halves), None]
+        for image in images:
+            assert (
+                gateway.client.get(
+                    path_of(scene, contents[0], "").replace(digest_of(contents[0]), image["digest"])
+                ).json()
+                == image
+            )
+    assert len(blobs(gateway, scene)) == 3
+    assert not list(gateway.settings.uploads.rglob("*.part"))
+
+
+def test_masks_of_a_form_that_are_refused_cost_no_image(gateway: Any, photograph: Photograph) -> None:
+    scene, contents = gateway.scene(), [photograph(seed) for seed in range(4)]
+    names = ["small.jpg", "twice.jpg", "left/both.jpg", "right/both.jpg"]
+    files = [("file", (name, content)) for name, content in zip(names, contents, strict=True)]
+    masks = [
+        ("small.png", png(size=(48, 32))),
+        ("twice.jpg.png", png()),
+        ("twice.png", png()),
+        ("both.png", png()),
+        ("none.png", png()),
+    ]
+    files += [("mask", mask) for mask in masks]
+    answer = gateway.client.post(f"/v1/scenes/{scene}/images", files=files)
+    assert answer.status_code == 200
+    assert [item["image"]["name"] for item in answer.json()["items"]] == [
+        "small.jpg",
+        "twice.jpg",
+        "both.jpg",
+        "both.jpg",
+    ]
+    refused = {mask["name"]: mask["reason"] for mask in answer.json()["refused_masks"]}
+    assert refused == {
+        "small.png": "The mask of small.jpg cannot be used: it has 48×32 px, the photograph 96×64 px.",
+        "twice.png": "twice.jpg has another mask in the form.",
+        "both.png": "It could be the mask of left/both.jpg or right/both.jpg.",
+        "none.png": "It is the mask of no image in the form.",
+    }
+    assert all(mask["hint"] for mask in answer.json()["refused_masks"])
+    assert len(blobs(gateway, scene)) == 1
+    alone = gateway.client.post(f"/v1/scenes/{scene}/images", files=[("mask", masks[0])])
+    assert (alone.status_code, alone.json()["detail"]) == (422, "The form has no image.")
+
+
 def test_what_has_no_mask(gateway: Any, photograph: Photograph) -> None:
     scene = gateway.scene()
     unknown = gateway.client.put(path_of(scene, photograph(1)), content=png())

@@ -13,6 +13,7 @@ from python_multipart.exceptions import FormParserError
 from python_multipart.multipart import parse_options_header
 from starlette.requests import Request
 
+from fvs_schema.masks import is_mask
 from fvs_schema.names import readable_name
 from fvs_service.errors import InvalidRequestError, MalformedRequestError, UnsupportedMediaTypeError
 from fvs_service.gateway.rest.bodies import blocks
@@ -27,10 +28,11 @@ _MAX_HEADERS = 16
 
 @dataclass(frozen=True)
 class UploadedFile:
-    """One file of a form."""
+    """One file of a form; ``is_mask``: the mask of an image, not an image."""
 
     name: str
     staged: StagedFile
+    is_mask: bool
 
 
 async def receive_files(
@@ -38,6 +40,7 @@ async def receive_files(
 ) -> AsyncIterator[UploadedFile]:
     """The files of a form; each is deleted before the next one, unless it was moved into the blobs.
 
+    Masks, parts called ``mask`` or files in a folder of masks, come after all images.
     ``parsing`` limits the threads that parse: the parser is in Python, and many at a time would keep the
     interpreter from the event loop.
 
@@ -64,6 +67,10 @@ async def receive_files(
             raise MalformedRequestError(
                 "The form is cut off.", hint="End it with its boundary and two hyphens (RFC 2046)."
             )
+        while parts.masks:
+            receiver, file = parts.masks.pop(0)
+            with receiver:
+                yield file
     except FormParserError as error:
         raise MalformedRequestError(
             "The form is broken.", hint="RFC 7578 describes forms; curl -F file=@photograph.jpg sends one."
@@ -79,11 +86,12 @@ class _Parts:
         self._uploads, self._max_files = uploads, max_files
         self._field, self._value, self._headers = b"", b"", 0
         self._disposition: bytes | None = None
-        self._name = ""
+        self._name, self._is_mask = "", False
         self._receiver: Receiver | None = None
         self._count = 0
         self.ended = False
         self.complete: list[tuple[Receiver, UploadedFile]] = []
+        self.masks: list[tuple[Receiver, UploadedFile]] = []
 
     def callbacks(self) -> dict[str, object]:
         """The parser's callbacks."""
@@ -100,9 +108,8 @@ class _Parts:
 
     def close(self) -> None:
         """Delete the files that are incomplete or were not yielded."""
-        for receiver in [receiver for receiver, _ in self.complete] + (
-            [self._receiver] if self._receiver else []
-        ):
+        left = [receiver for receiver, _ in self.complete + self.masks]
+        for receiver in left + ([self._receiver] if self._receiver else []):
             with receiver:
                 pass
 
@@ -137,6 +144,7 @@ class _Parts:
                 f"The form has more than {self._max_files} files.", hint="Send them in several requests."
             )
         self._name = readable_name(options[b"filename"].decode("utf-8", errors="surrogateescape"))
+        self._is_mask = options.get(b"name") == b"mask" or is_mask(self._name.replace("\\", "/"))
         self._receiver = self._uploads.receive()
 
     def _data(self, data: bytes, start: int, end: int) -> None:
@@ -145,7 +153,8 @@ class _Parts:
 
     def _end(self) -> None:
         if self._receiver is not None:
-            self.complete.append((self._receiver, UploadedFile(self._name, self._receiver.finish())))
+            file = UploadedFile(self._name, self._receiver.finish(), self._is_mask)
+            (self.masks if file.is_mask else self.complete).append((self._receiver, file))
             self._receiver = None
 
     def _end_form(self) -> None:
