@@ -13,6 +13,7 @@ from fvs_client import (
     ImageMetadata,
     NotFoundError,
     Outcome,
+    UnusedMaskError,
     UploadProgress,
     UploadReport,
     Verdict,
@@ -240,15 +241,63 @@ def test_masks_are_sent_after_their_images(client: Client, photographs: Path) ->
     half.save(photographs / "masks" / "a.png")
     whole.resize((8, 8)).save(photographs / "masks" / "b.jpg.png")
     scene = client.scenes.create("quarry")
-    for _ in range(2):
+    for outcome in (Outcome.SENT, Outcome.ALREADY_THERE):
         report = scene.images.upload(photographs)
-        assert [file.path.name for file in report.failed] == ["b.jpg"]
-        assert "8×8 px" in str(report.failed[0].error)
+        assert [file.outcome for file in report.files] == [outcome] * 3
+        assert [file.path.name for file in report.without_mask] == ["b.jpg"]
+        assert "8×8 px" in str(report.without_mask[0].mask_error)
+        assert report.without_mask[0].usable
+        assert (report.ok, report.failed) == (False, ())
         masked = {file.path.name for file in report.files if file.image and file.image.mask}
         assert masked == {"a.JPG"}
     (image,) = (image for image in scene.images.list() if image.mask)
     assert image.name == "a.JPG"
     assert scene.images.remove_mask(image.digest).mask is None
+
+
+def test_a_mask_that_the_scene_has_is_not_sent_again(
+    client: Client, gateway: Any, photographs: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (photographs / "masks").mkdir()
+    mask = photographs / "masks" / "a.png"
+    with Image.open(photographs / "a.JPG") as image:
+        half = Image.new("L", image.size, 255)
+    half.paste(0, (0, 0, 9, 9))
+    half.save(mask)
+    scene = client.scenes.create("quarry")
+    digest = scene.images.upload(photographs).files[0].digest
+    assert digest is not None
+    (checked,) = scene.images.check([digest]).images
+    assert checked.mask == f"sha256:{hashlib.sha256(mask.read_bytes()).hexdigest()}"
+    set_mask, sent = gateway.application.masks.set, []
+    monkeypatch.setattr(
+        gateway.application.masks, "set", lambda *given: (sent.append(given), set_mask(*given))[1]
+    )
+    assert scene.images.upload(photographs).ok
+    assert not sent
+    half.putpixel((20, 20), 0)
+    half.save(mask)
+    assert scene.images.upload(photographs).ok
+    assert len(sent) == 1
+
+
+def test_masks_of_no_image_are_reported(client: Client, url: str, photographs: Path) -> None:
+    (photographs / "masks").mkdir()
+    for name in ("a", "c"):  # that of left/c.png would be masks/left/c.png
+        Image.new("L", (96, 64), 255).save(photographs / "masks" / f"{name}.png")
+    scene = client.scenes.create("quarry")
+    report = scene.images.upload(photographs)
+    (failed,) = report.failed
+    assert (failed.path, len(report.sent)) == (photographs / "masks" / "c.png", 3)
+    assert isinstance(failed.error, UnusedMaskError)
+    assert failed.error.hint
+    answer = CliRunner().invoke(app, ["--url", url, "upload", scene.id, str(photographs)])
+    assert "masks/c.png: failed: It is in a folder of masks, and the mask of no image." in answer.stderr
+    assert answer.stdout == "0 sent (0.0 MB), 3 there already, 1 failed\n"
+    nothing = CliRunner().invoke(
+        app, ["--url", url, "upload", scene.id, str(photographs / "masks" / "c.png")]
+    )
+    assert nothing.exit_code == 0, "a file that is named is sent"
 
 
 def test_masks_of_images_that_are_not_used_are_not_sent(client: Client, photographs: Path) -> None:

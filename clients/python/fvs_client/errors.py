@@ -54,6 +54,12 @@ class UnreadableFormatError(FvsError):
     code = ErrorCode.UNREADABLE_FORMAT
 
 
+class UnusedMaskError(FvsError):
+    """The file is in a folder of masks, and the mask of no image; in an upload's report."""
+
+    code = ErrorCode.UNUSED_MASK
+
+
 class DamagedDownloadError(FvsError):
     """The downloaded bytes differ from those of the service."""
 

@@ -43,6 +43,7 @@ from fvs_client.errors import (
     UnavailableError,
     UnexpectedAnswerError,
     UnreadableFormatError,
+    UnusedMaskError,
     WaitTimeoutError,
 )
 from fvs_client.height_model import HeightModel, HeightModelError
@@ -224,6 +225,7 @@ __all__ = [
     "UnavailableError",
     "UnexpectedAnswerError",
     "UnreadableFormatError",
+    "UnusedMaskError",
     "UploadProgress",
     "UploadReport",
     "UploadedFile",

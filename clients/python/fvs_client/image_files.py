@@ -40,20 +40,28 @@ _LONGEST_NAME = 255
 class ImageFile:
     """A file and its name in the scene; ``readable``: whether the service reads its format.
 
-    ``mask``: the file with its mask, None without one.
+    ``mask``: the file with its mask, None without one. ``is_unused_mask``: the file is in a folder of masks,
+    and the mask of no image.
     """
 
     path: Path
     name: str
     readable: bool = True
     mask: Path | None = None
+    is_unused_mask: bool = False
+
+    @property
+    def sent(self) -> bool:
+        """Whether it is an image that is sent."""
+        return self.readable and not self.is_unused_mask
 
 
 def find_image_files(paths: Paths) -> list[ImageFile]:
     """The image files in ``paths``, each once, sorted within each folder.
 
     A folder means all images in and below it except hidden ones; names keep the folders in between
-    (``left_0001.jpg``). Files in a folder ``masks`` are no images, but their masks (see ``find_mask``).
+    (``left_0001.jpg``). Files in a folder ``masks`` are no images, but their masks (see ``find_mask``); those
+    of no image come last.
     Raises ``FileNotFoundError`` for a path that does not exist.
     """
     listed = [paths] if isinstance(paths, str | PathLike) else list(paths)
@@ -70,9 +78,11 @@ def _files_in(folder: Path) -> list[ImageFile]:
     inside = sorted(
         file.relative_to(folder)
         for file in folder.rglob("*")
-        if file.suffix.lower() in SUFFIXES | UNREADABLE_SUFFIXES and file.is_file()
+        if file.suffix.lower() in SUFFIXES | UNREADABLE_SUFFIXES
+        and not any(part.startswith(".") for part in file.relative_to(folder).parts)
+        and file.is_file()
     )
-    return [
+    images = [
         ImageFile(
             folder / file,
             scene_name(file.parts),
@@ -80,8 +90,11 @@ def _files_in(folder: Path) -> list[ImageFile]:
             find_mask(folder, file.as_posix()),
         )
         for file in inside
-        if not is_mask(file.as_posix()) and not any(part.startswith(".") for part in file.parts)
+        if not is_mask(file.as_posix())
     ]
+    used = {image.mask for image in images}
+    masks = [file for file in inside if is_mask(file.as_posix()) and folder / file not in used]
+    return images + [ImageFile(folder / file, scene_name(file.parts), is_unused_mask=True) for file in masks]
 
 
 def _named(path: Path) -> ImageFile:

@@ -28,7 +28,8 @@ class UploadedFile:
     """One file of an upload.
 
     ``image`` has the service's verdict; it is None when the file failed (``error`` has the reason), and when
-    the scene had it already and the API key may not read images.
+    the scene had it already and the API key may not read images. ``mask_error``: why the image, which is in
+    the scene, does not have its mask.
     """
 
     path: Path
@@ -36,6 +37,12 @@ class UploadedFile:
     digest: str | None = None
     image: Image | None = None
     error: Exception | None = None
+    mask_error: Exception | None = None
+
+    @property
+    def ok(self) -> bool:
+        """Whether the file is usable and has its mask, if it has one."""
+        return self.usable and self.mask_error is None
 
     @property
     def usable(self) -> bool:
@@ -71,9 +78,14 @@ class UploadReport:
         return tuple(file for file in self.files if file.image is not None and not file.image.accepted)
 
     @property
+    def without_mask(self) -> tuple[UploadedFile, ...]:
+        """The files that are in the scene without their mask; ``mask_error`` has the reason."""
+        return tuple(file for file in self.files if file.mask_error is not None)
+
+    @property
     def ok(self) -> bool:
-        """Whether every file arrived and can be used."""
-        return all(file.usable for file in self.files)
+        """Whether every file arrived and can be used, with its mask."""
+        return all(file.ok for file in self.files)
 
     def _with(self, outcome: Outcome) -> tuple[UploadedFile, ...]:
         return tuple(file for file in self.files if file.outcome is outcome)
@@ -153,6 +165,11 @@ def hash_file(file: ImageFile) -> HashedFile | OSError:
     except OSError as error:
         return error
     return HashedFile(file, f"sha256:{digest.hexdigest()}", size_bytes)
+
+
+def digest_of(content: bytes) -> str:
+    """The digest (``sha256:…``) of the content of a file."""
+    return f"sha256:{hashlib.sha256(content).hexdigest()}"
 
 
 def total_size(files: Iterable[ImageFile]) -> int:

@@ -57,6 +57,7 @@ class ErrorCode(Word):
     JOB_FAILED = "job-failed"
     UNEXPECTED_ANSWER = "unexpected-answer"
     UNREADABLE_FORMAT = "unreadable-format"
+    UNUSED_MASK = "unused-mask"
     USAGE = "usage"
     VEHICLE = "vehicle"
     WAIT_TIMEOUT = "wait-timeout"

@@ -299,6 +299,8 @@ class KnownImage(Output):
     """Why it is not accepted, excluded, quarantined or unregistered; else empty."""
     hint: str
     """What to do about it; else empty."""
+    mask: Digest | None = None
+    """The SHA-256 of its mask; null when it has none."""
 
 
 class DigestAnswer(Output):

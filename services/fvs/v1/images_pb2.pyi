@@ -321,16 +321,18 @@ class DigestCheck(_message.Message):
     def __init__(self, digests: _Optional[_Iterable[str]] = ...) -> None: ...
 
 class KnownImage(_message.Message):
-    __slots__ = ("digest", "verdict", "reason", "hint")
+    __slots__ = ("digest", "verdict", "reason", "hint", "mask")
     DIGEST_FIELD_NUMBER: _ClassVar[int]
     VERDICT_FIELD_NUMBER: _ClassVar[int]
     REASON_FIELD_NUMBER: _ClassVar[int]
     HINT_FIELD_NUMBER: _ClassVar[int]
+    MASK_FIELD_NUMBER: _ClassVar[int]
     digest: str
     verdict: Verdict
     reason: str
     hint: str
-    def __init__(self, digest: _Optional[str] = ..., verdict: _Optional[_Union[Verdict, str]] = ..., reason: _Optional[str] = ..., hint: _Optional[str] = ...) -> None: ...
+    mask: str
+    def __init__(self, digest: _Optional[str] = ..., verdict: _Optional[_Union[Verdict, str]] = ..., reason: _Optional[str] = ..., hint: _Optional[str] = ..., mask: _Optional[str] = ...) -> None: ...
 
 class DigestAnswer(_message.Message):
     __slots__ = ("known", "missing", "images")

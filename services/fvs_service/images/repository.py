@@ -91,10 +91,14 @@ def known_images(session: Session, scene_id: str, digests: Collection[str]) -> d
                 ImageRow.sha256, ImageRow.verdict, ImageRow.name, ImageRow.registration, ImageRow.document
             ).where(ImageRow.scene_id == scene_id, ImageRow.sha256.in_(wanted[start : start + _VARIABLES]))
         )
-        for sha256, verdict, *row in rows:
-            digest, shown = f"sha256:{sha256}", _reason(*row)
+        for sha256, verdict, name, registration, document in rows:
+            digest, shown = f"sha256:{sha256}", _reason(name, registration, document)
             found[digest] = KnownImage(
-                digest=digest, verdict=Verdict(verdict), reason=shown["reason"], hint=shown["hint"]
+                digest=digest,
+                verdict=Verdict(verdict),
+                reason=shown["reason"],
+                hint=shown["hint"],
+                mask=document["mask"],
             )
     return found
 

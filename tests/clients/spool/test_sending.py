@@ -143,6 +143,30 @@ def test_a_mask_follows_its_photograph(field: Field, client: Client) -> None:
     assert images == {"DJI_0000.JPG": f"sha256:{sent}", "DJI_0001.JPG": None, "DJI_0002.JPG": None}
 
 
+def test_a_mask_that_the_scene_has_is_not_sent_again(
+    field: Field, gateway: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    masks = field.folder / "masks"
+    masks.mkdir()
+    with PillowImage.open(field.folder / "DJI_0000.JPG") as image:
+        mask = PillowImage.new("L", image.size, 255)
+    mask.putpixel((1, 1), 0)
+    mask.save(masks / "DJI_0000.png")
+    sent: list[object] = []
+    set_mask = gateway.application.masks.set
+    monkeypatch.setattr(
+        gateway.application.masks, "set", lambda *given: (sent.append(given), set_mask(*given))[1]
+    )
+    for _ in range(2):  # the second time from an outbox that knows nothing
+        field.take()
+        assert field.drain() == [State.SENT] * 3
+        assert len(sent) == 1
+        field.outbox.close()
+        for file in field.folder.glob(f"{FILE_NAME}*"):
+            file.unlink()
+        field.outbox = Outbox(field.folder / FILE_NAME)
+
+
 def test_photographs_of_a_scene_that_is_not_there_are_kept(field: Field) -> None:
     field.scene = "scn_01m00000000000000000000000"
     field.take()

@@ -18,6 +18,7 @@ from fvs_client.errors import (
     NotFoundError,
     UnauthenticatedError,
     UnreadableFormatError,
+    UnusedMaskError,
 )
 from fvs_client.image_files import ImageFile, Paths, find_image_files
 from fvs_client.request import FileBody
@@ -29,6 +30,7 @@ from fvs_client.uploads import (
     UploadedFile,
     UploadProgress,
     UploadReport,
+    digest_of,
     hash_file,
     size_of,
     total_size,
@@ -78,13 +80,15 @@ class _Uploader:
         self._describe = describe
         self._counter = counter
         self._done: dict[Path, UploadedFile] = {}
+        self._masks: dict[str, str | None] = {}
+        """The masks of images that the scene had already, by digest of the image."""
 
     async def send_batch(self, files: Sequence[ImageFile]) -> None:
         """Hash the files, check which of them the scene has, and send the others."""
         for file in files:
-            if not file.readable:
-                self._finish(_unsupported(file), size_of(file.path))
-        files = [file for file in files if file.readable]
+            if not file.sent:
+                self._finish(_left_out(file), size_of(file.path))
+        files = [file for file in files if file.sent]
         read = await map_concurrently(self._hash, files, self._parallel)
         to_send: dict[str, HashedFile] = {}
         known: list[HashedFile] = []
@@ -97,6 +101,7 @@ class _Uploader:
             check = requests.check_images(self._scene_id, to_send)
             answer = await self._session.fetch(DigestAnswer, check)
             known += [to_send.pop(digest) for digest in answer.known if digest in to_send]
+            self._masks.update((image.digest, image.mask) for image in answer.images)
         sent = await map_concurrently(self._send, to_send.values(), self._parallel)
         failed = {file.digest: file for file in sent if file.outcome is Outcome.FAILED}
         for item, there in zip(
@@ -136,11 +141,13 @@ class _Uploader:
         return await self._masked(item, UploadedFile(item.path, Outcome.ALREADY_THERE, item.digest))
 
     async def _masked(self, item: HashedFile, there: UploadedFile) -> UploadedFile:
-        """Send the mask of an image that the scene has, if there is one; the file afterwards."""
+        """Send the mask of an image that the scene has, unless it has that too; the file afterwards."""
         if item.file.mask is None:
             return there
         try:
             mask = await run_blocking(item.file.mask.read_bytes)
+            if self._masks.get(item.digest) == digest_of(mask):
+                return there
             request = requests.set_mask(self._scene_id, item.digest, mask)
             return replace(there, image=await self._session.fetch(Image, request))
         except (UnauthenticatedError, ForbiddenError):
@@ -148,7 +155,7 @@ class _Uploader:
         except ConflictError:  # the image is not used, as its verdict says
             return there
         except (FvsError, OSError) as error:
-            return replace(there, outcome=Outcome.FAILED, error=error)
+            return replace(there, mask_error=error)
 
     def _finish(self, file: UploadedFile, unsent_bytes: int = 0) -> UploadedFile:
         self._done[file.path] = file
@@ -172,8 +179,14 @@ class _Uploader:
         return await self._session.fetch(Image, requests.get_image(self._scene_id, digest))
 
 
-def _unsupported(file: ImageFile) -> UploadedFile:
-    error = UnreadableFormatError(
+def _left_out(file: ImageFile) -> UploadedFile:
+    """The outcome of a file that is not sent."""
+    error: FvsError = UnreadableFormatError(
         f"The service does not read {file.path.suffix[1:].upper()} files.", hint="Export it as JPEG or PNG."
     )
+    if file.is_unused_mask:
+        error = UnusedMaskError(
+            "It is in a folder of masks, and the mask of no image.",
+            hint="The mask of a.jpg is masks/a.png or masks/a.jpg.png. Move images to another folder.",
+        )
     return UploadedFile(file.path, Outcome.FAILED, error=error)

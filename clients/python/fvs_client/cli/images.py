@@ -68,7 +68,7 @@ def upload(
     as_json: JsonOption = False,
 ) -> None:
     """Upload images. Those that the scene has are not sent again, so repeating the command resumes it."""
-    if not any(file.readable for file in find_image_files(paths)):
+    if not any(file.sent for file in find_image_files(paths)):
         where = ", ".join(map(str, paths))
         raise typer.BadParameter(f"There is no image in {where}: no file in {', '.join(sorted(SUFFIXES))}.")
     reported: list[UploadedFile] = []
@@ -80,7 +80,7 @@ def upload(
             def on_progress(progress: UploadProgress) -> None:
                 upload_progress(shown, progress)
                 last = progress.last
-                if last is not None and not last.usable and last not in reported:
+                if last is not None and not last.ok and last not in reported:
                     reported.append(last)
                     shown.print(f"{last.path}: {describe_outcome(last)}")
 
@@ -89,7 +89,7 @@ def upload(
         print_json(_document(report))
     else:
         for file in report.files:
-            if file not in reported and not file.usable:
+            if file not in reported and not file.ok:
                 typer.echo(f"{file.path}: {describe_outcome(file)}", err=True)
         typer.echo(_summary(report))
     if not report.ok:
@@ -181,6 +181,8 @@ def _summary(report: UploadReport) -> str:
         parts.append(f"{len(report.already_there)} there already")
     if report.rejected:
         parts.append(f"{len(report.rejected)} cannot be used")
+    if report.without_mask:
+        parts.append(f"{len(report.without_mask)} without their mask")
     if report.failed:
         parts.append(f"{len(report.failed)} failed")
     return ", ".join(parts)
@@ -195,7 +197,7 @@ def _document(report: UploadReport) -> dict[str, object]:
                 "outcome": file.outcome.value,
                 "digest": file.digest,
                 "verdict": None if file.image is None else file.image.verdict.value,
-                "reason": "" if file.usable else describe_outcome(file),
+                "reason": "" if file.ok else describe_outcome(file),
                 "warnings": [] if file.image is None else list(file.image.warnings),
             }
             for file in report.files

@@ -73,9 +73,10 @@ def upload_progress(shown: Display, progress: UploadProgress) -> None:
 
 def describe_outcome(file: UploadedFile) -> str:
     """Outcome of a file, with its error or verdict."""
-    if file.error is not None:
-        reason = f"failed: {getattr(file.error, 'message', file.error)}"
-        return f"{reason} {getattr(file.error, 'hint', '')}".rstrip()
+    error = file.error or file.mask_error
+    if error is not None:
+        outcome = "failed" if file.error else f"{file.outcome.value.replace('-', ' ')} without its mask"
+        return f"{outcome}: {getattr(error, 'message', error)} {getattr(error, 'hint', '')}".rstrip()
     if file.image is None or file.image.accepted:
         warnings = ", ".join(file.image.warnings) if file.image else ""
         return f"{file.outcome.value.replace('-', ' ')}{f' ({warnings})' if warnings else ''}"

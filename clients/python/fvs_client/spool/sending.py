@@ -1,5 +1,6 @@
 """Send one photograph until the service has acknowledged its digest."""
 
+import hashlib
 import json
 import os
 from collections.abc import Mapping
@@ -28,6 +29,8 @@ class Acknowledgement:
     verdict: str
     refusal: Refusal | None = None
     """Why the image cannot be used."""
+    mask: str | None = None
+    """The digest of the mask that the image has."""
 
 
 class Sender:
@@ -45,7 +48,7 @@ class Sender:
         try:
             found = self._sent(photograph)
             if found.verdict == _ACCEPTED:
-                found = replace(found, refusal=self._refusal_of_mask(photograph))
+                found = replace(found, refusal=self._refusal_of_mask(photograph, found.mask))
         except RefusedError as error:
             refusal = error.refusal
             if refusal.code == _INVALID and photograph.metadata:
@@ -98,16 +101,20 @@ class Sender:
             raise LinkError("The service has all bytes and does not have the image.", answered=True)
         return found
 
-    def _refusal_of_mask(self, photograph: Photograph) -> Refusal | None:
-        """Send the mask of an image that the scene has, if there is one; why the service will not take it."""
-        mask = find_mask(photograph.path.parent, photograph.path.name)
-        if mask is None:
+    def _refusal_of_mask(self, photograph: Photograph, present: str | None) -> Refusal | None:
+        """Send the mask of an image that the scene has with the mask ``present``, if there is another one.
+
+        Returns why the service will not take it.
+        """
+        file = find_mask(photograph.path.parent, photograph.path.name)
+        if file is None:
+            return None
+        mask = file.read_bytes()
+        if present == f"sha256:{hashlib.sha256(mask).hexdigest()}":
             return None
         path = f"/v1/scenes/{photograph.scene}/images/sha256:{photograph.digest}/mask"
         try:
-            require_success(
-                self._connection.ask("PUT", path, {"Content-Type": "image/png"}, mask.read_bytes())
-            )
+            require_success(self._connection.ask("PUT", path, {"Content-Type": "image/png"}, mask))
         except RefusedError as error:
             return error.refusal
         return None
@@ -127,7 +134,8 @@ class Sender:
         for image in document.get("images", ()):
             verdict = image.get("verdict")
             if image.get("digest") == digest and isinstance(verdict, str):
-                return Acknowledgement(verdict, None if verdict in _USABLE else _refusal(verdict, image))
+                refusal = None if verdict in _USABLE else _refusal(verdict, image)
+                return Acknowledgement(verdict, refusal, image.get("mask"))
         raise LinkError("The answer is not from an fvs service.", hint="Is the URL right?", answered=True)
 
 
