@@ -240,6 +240,11 @@ WORDING: Mapping[FindingCode, tuple[str, str]] = {
         "used: {images}.",
         "Give their altitudes when you upload them.",
     ),
+    FindingCode.FRAMES_ABOVE_ELLIPSOID: (
+        "{count} of the {of:.0f} frames have an altitude above the ellipsoid, which is taken for one above "
+        "sea level: {images}.",
+        "All are wrong by the height of the geoid, at most 110 m. Control points place the model right.",
+    ),
     FindingCode.ALREADY_TRAINED: (
         "Nothing to do: the model has had {iterations:,.0f} iterations already.",
         "Ask for more iterations to train it further.",

@@ -13,10 +13,12 @@ from datetime import UTC, datetime
 from fvs_engine.images.metadata import PhotographPriors, plausible_position
 from fvs_engine.video.track import Record
 
-_CUE = re.compile(r"(\d+):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
-_NUMBER = r"[+-]?\d+(?:\.\d+)?"
-_FIELD = re.compile(rf"([a-z_]+)\s*:\s*({_NUMBER})")
-_TUPLE = re.compile(r"\b(GPS|RTK|HOME|G\.PRY)\s*\(([^)]*)\)")
+# Names and numbers have limits, so that no text takes time by the square of its length. A number that goes
+# on, as one with a decimal comma, is none: its beginning would be a place 100 km away.
+_CUE = re.compile(r"(\d{1,3}):(\d\d):(\d\d)[,.](\d{1,3})\s*-->")
+_NUMBER = r"[+-]?\d{1,9}(?:\.\d{1,30})?(?![.,]?\d)"
+_FIELD = re.compile(rf"\b([a-z_]{{1,20}})\s*:\s*({_NUMBER})")
+_TUPLE = re.compile(r"\b(GPS|RTK|HOME|G\.PRY)\s*\(([^()]*)\)")
 _HEIGHT_OVER_HOME = re.compile(rf"\bH\s+({_NUMBER})m")
 _DATE = re.compile(r"(\d{4})[-.](\d\d)[-.](\d\d)\s+(\d\d):(\d\d):(\d\d)(?:[.,](\d{3}))?")
 
@@ -24,9 +26,9 @@ _DATE = re.compile(r"(\d{4})[-.](\d\d)[-.](\d\d)\s+(\d\d):(\d\d):(\d\d)(?:[.,](\
 def read_subtitles(text: str) -> list[Record]:
     """The records in the text of an SRT file; subtitles of other kinds have none."""
     cues = list(_CUE.finditer(text))
-    ends = [cue.start() for cue in cues[1:]] + [len(text)]
+    bounds = [*(cue.start() for cue in cues), len(text)]
     records = []
-    for cue, end in zip(cues, ends, strict=True):
+    for cue, end in zip(cues, bounds[1:], strict=True):
         hours, minutes, seconds, fraction = cue.groups()
         time_s = int(hours) * 3600.0 + int(minutes) * 60.0 + int(seconds) + float(f"0.{fraction}")
         priors = read_subtitle(text[cue.end() : end])

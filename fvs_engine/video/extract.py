@@ -17,6 +17,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.records import Record
 from fvs_engine.video.reading import Video, frame_sharpness, open_video, read_track, upright_image
 from fvs_engine.video.sharp_frames import choose_sharp_frames
+from fvs_engine.video.track import Track
 from fvs_schema.findings import Finding, FindingCode, Severity
 from fvs_schema.stages import Stage
 
@@ -61,13 +62,14 @@ def extract_frames(video: Path, out: Path, every_s: float, monitor: Monitor) -> 
         if there is not None and there.frames is not None:
             return [out / frame.name for frame in there.frames]
         folder.write(wanted)
-        frames = list(_written_frames(opened, out, every_s, monitor))
+        track = read_track(opened.path)
+        frames = list(_written_frames(opened, track, out, every_s, monitor))
     if not frames:
         raise InvalidInputError(
             f"No frame of {video} can be decoded.", hint="Copy the video from the camera again.", path=video
         )
     folder.write(wanted.model_copy(update={"frames": tuple(frame.record for frame in frames)}))
-    for finding in _findings(opened, frames):
+    for finding in _findings(opened, track, frames):
         monitor.warn(finding)
     return [out / frame.record.name for frame in frames]
 
@@ -78,8 +80,9 @@ class _Frame:
     priors: PhotographPriors
 
 
-def _written_frames(video: Video, out: Path, every_s: float, monitor: Monitor) -> Iterator[_Frame]:
-    track = read_track(video.path)
+def _written_frames(
+    video: Video, track: Track, out: Path, every_s: float, monitor: Monitor
+) -> Iterator[_Frame]:
     for chosen in choose_sharp_frames(_watched_frames(video, monitor), every_s, frame_sharpness):
         record = FrameRecord(
             name=f"{video.path.stem}_{_clock(chosen.time_s)}.jpg",
@@ -113,11 +116,12 @@ def _clock(time_s: float) -> str:
     return f"{hours:02d}h{minutes:02d}m{milliseconds // 1000:02d}.{milliseconds % 1000:03d}s"
 
 
-def _findings(video: Video, frames: Sequence[_Frame]) -> Iterator[Finding]:
+def _findings(video: Video, track: Track, frames: Sequence[_Frame]) -> Iterator[Finding]:
     if video.damaged or video.is_cut_short:
         yield Finding.of(FindingCode.VIDEO_DAMAGED, read_s=video.read_s)
     blurred = [frame.record.name for frame in frames if frame.record.sharpness < SHARP]
     without = [frame.record.name for frame in frames if frame.priors.latitude_deg is None]
+    high = [frame.record.name for frame in frames if frame.priors.altitude_m is not None]
     flat = [
         frame.record.name
         for frame in frames
@@ -129,3 +133,5 @@ def _findings(video: Video, frames: Sequence[_Frame]) -> Iterator[Finding]:
         yield Finding.of(FindingCode.FRAMES_WITHOUT_POSITION, without, Severity.NOTE, of=len(frames))
     if flat:
         yield Finding.of(FindingCode.FRAMES_WITHOUT_ALTITUDE, flat, of=len(frames))
+    if high and track.is_above_ellipsoid:
+        yield Finding.of(FindingCode.FRAMES_ABOVE_ELLIPSOID, high, of=len(frames))

@@ -1,7 +1,8 @@
 """GoPro's records of a camera, GPMF: positions in nested pieces of key, type, size and value.
 
 Format: https://github.com/gopro/gpmf-parser. Its attitudes are relative to the first one of the
-video, not to north, and are not read.
+video, not to north, and are not read. Until firmware 1.50 of the HERO8, altitudes are above the
+ellipsoid; later ones tell what they are above (GPSA).
 """
 
 import struct
@@ -13,11 +14,12 @@ from fvs_engine.images.metadata import PhotographPriors, plausible_position
 from fvs_engine.video.track import Record
 
 _HEADER = struct.Struct(">4sBBH")
-_NESTED = 0
 _SCALES = {"s": "h", "S": "H", "l": "i", "L": "I"}
 """Types of scales → their format in ``struct``."""
 _GPS5 = struct.Struct(">5i")
 _GPS9 = struct.Struct(">7i2H")
+_GLPI = struct.Struct(">I4i3hH")
+_SEA_LEVEL = b"MSLV"
 _LARGEST_DILUTION = 5.0
 """Dilution of precision up to which a fix is good; without satellites it is 99.99."""
 _YEAR_2000 = datetime(2000, 1, 1, tzinfo=UTC)
@@ -35,7 +37,7 @@ def read_gpmf(payload: bytes, time_s: float, duration_s: float) -> list[Record]:
     """
     records = []
     for stream in _streams(payload):
-        fixes = list(_gps9(stream) if b"GPS9" in stream else _gps5(stream))
+        fixes = [*_gps9(stream), *_gps5(stream), *_karma(stream)]
         for number, fix in enumerate(fixes):
             after_s = duration_s * number / len(fixes)
             position, _ = plausible_position(fix.latitude_deg, fix.longitude_deg)
@@ -44,7 +46,7 @@ def read_gpmf(payload: bytes, time_s: float, duration_s: float) -> list[Record]:
                 if taken is not None and b"GPS5" in stream:  # whose time is that of the packet
                     taken += timedelta(seconds=after_s)
                 priors = PhotographPriors(*position, fix.altitude_m, captured_at=taken)
-                records.append(Record(time_s + after_s, priors))
+                records.append(Record(time_s + after_s, priors, above_ellipsoid=_is_above_ellipsoid(stream)))
     return records
 
 
@@ -80,18 +82,20 @@ def _pieces(content: bytes) -> Iterator[tuple[bytes, _Piece]]:
 
 def _streams(content: bytes) -> Iterator[dict[bytes, _Piece]]:
     """The streams of all devices, each as its pieces by key."""
-    for key, piece in _pieces(content):
-        if key == b"STRM":
-            yield dict(_pieces(piece.content))
-        elif ord(piece.kind) == _NESTED:
-            yield from _streams(piece.content)
+    for device_key, device in _pieces(content):
+        for key, stream in _pieces(device.content if device_key == b"DEVC" else b""):
+            if key == b"STRM":
+                yield dict(_pieces(stream.content))
 
 
 def _scales(stream: dict[bytes, _Piece], count: int) -> list[float] | None:
     piece = stream.get(b"SCAL")
     if piece is None or piece.kind not in _SCALES:
         return None
-    scales = [float(scale) for (scale,) in struct.iter_unpack(f">{_SCALES[piece.kind]}", piece.content)]
+    form = struct.Struct(f">{_SCALES[piece.kind]}")
+    if piece.size != form.size:
+        return None
+    scales = [float(scale) for (scale,) in form.iter_unpack(piece.content)]
     scales = scales * count if len(scales) == 1 else scales
     return scales if len(scales) == count and all(scales) else None
 
@@ -119,8 +123,25 @@ def _gps9(stream: dict[bytes, _Piece]) -> Iterator[_Fix]:
         stream, b"GPS9", _GPS9
     ):
         if lock:
-            taken_at = _YEAR_2000 + timedelta(days=days, seconds=seconds)
-            yield _Fix(latitude, longitude, altitude, dilution, taken_at)
+            yield _Fix(latitude, longitude, altitude, dilution, _after_2000(days, seconds))
+
+
+def _karma(stream: dict[bytes, _Piece]) -> Iterator[_Fix]:
+    """The positions of GoPro's drone: time, latitude, longitude, altitude above sea level, and others."""
+    for _, latitude, longitude, altitude, *_ in _samples(stream, b"GLPI", _GLPI):
+        yield _Fix(latitude, longitude, altitude, 0.0, None)
+
+
+def _is_above_ellipsoid(stream: dict[bytes, _Piece]) -> bool:
+    datum = stream.get(b"GPSA")
+    return b"GLPI" not in stream and (datum is None or datum.content != _SEA_LEVEL)
+
+
+def _after_2000(days: float, seconds: float) -> datetime | None:
+    try:
+        return _YEAR_2000 + timedelta(days=days, seconds=seconds)
+    except OverflowError:  # of damaged days
+        return None
 
 
 def _number(stream: dict[bytes, _Piece], key: bytes, kind: str) -> int | None:

@@ -16,10 +16,14 @@ _HOLDS_S = 1.0
 
 @dataclass(frozen=True)
 class Record:
-    """The priors at ``time_s`` after the beginning of the video."""
+    """The priors at ``time_s`` after the beginning of the video.
+
+    ``above_ellipsoid``: the altitude is; that of all other priors is above sea level.
+    """
 
     time_s: float
     priors: PhotographPriors
+    above_ellipsoid: bool = False
 
 
 class Track:
@@ -28,6 +32,7 @@ class Track:
     def __init__(self, records: Sequence[Record]) -> None:
         self._records = sorted(records, key=lambda record: record.time_s)
         self._times = [record.time_s for record in self._records]
+        self.is_above_ellipsoid = any(record.above_ellipsoid for record in self._records)
 
     def at(self, time_s: float) -> PhotographPriors:
         """The priors at a time, between two records on the way from one to the other; empty far from all."""

@@ -85,6 +85,7 @@ class FindingCode(Word):
     FRAMES_BLURRED = "frames-blurred"
     FRAMES_WITHOUT_POSITION = "frames-without-position"
     FRAMES_WITHOUT_ALTITUDE = "frames-without-altitude"
+    FRAMES_ABOVE_ELLIPSOID = "frames-above-ellipsoid"
 
     FEW_STARTS = "few-starts"
     ALREADY_TRAINED = "already-trained"

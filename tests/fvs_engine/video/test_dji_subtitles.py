@@ -83,3 +83,18 @@ def test_a_time_that_is_none_is_left_out() -> None:
     priors = read_subtitle("2023-13-41 25:04:26.691 [latitude: 47.1] [longitude: 8.5]")
     assert priors is not None
     assert priors.captured_at is None
+
+
+@pytest.mark.parametrize("text", ["", "GPS", "1\n", "no subtitles at all"])
+def test_a_file_without_subtitles_has_no_records(text: str) -> None:
+    assert read_subtitles(text) == []
+
+
+@pytest.mark.parametrize("number", ["-33,900007", "1234567890.5", "33.9.1"])
+def test_the_beginning_of_a_number_is_no_number(number: str) -> None:
+    assert read_subtitle(f"[latitude: {number}] [longitude: 8.5] [rel_alt: 3.0 abs_alt: 412.5]") is None
+
+
+@pytest.mark.parametrize("text", ["a", "1", "GPS(", "GPS(8.5,", "a:1", "a ", "00:00:00,0 "])
+def test_long_texts_are_read_in_one_pass(text: str) -> None:
+    assert read_subtitles("00:00:00,000 --> 00:00:01,000" + text * (400_000 // len(text))) == []
