@@ -334,6 +334,15 @@ WORDING: Mapping[FindingCode, tuple[str, str]] = {
         "{of:,.0f} candidates.",
         ELSEWHERE,
     ),
+    FindingCode.UNDER_GROUND: (
+        "Not planned, as they are under the ground: {chosen:,.0f} of the {of:,.0f} candidates: {candidates}.",
+        "Give candidates above it, and check that terrain and scene measure heights from the same datum.",
+    ),
+    FindingCode.GROUND_UNKNOWN: (
+        "The terrain has no height at {chosen:,.0f} of the {of:,.0f} candidates, so it is not known whether "
+        "they are under the ground: {candidates}.",
+        "Give a terrain that covers them, without holes; `gdal_fillnodata` closes those of a file.",
+    ),
     FindingCode.UNREACHABLE: (
         "{missed:,.0f} of the {of:,.0f} candidates cannot be reached: no-fly zones or the model are in the "
         "way.",
@@ -380,8 +389,9 @@ WORDING: Mapping[FindingCode, tuple[str, str]] = {
 }
 """Code → the sentence and the hint, as format strings.
 
-Fields are the finding's numbers and texts, ``images`` (the first few), ``count`` of them, ``pairs``, and
-``against``, how many candidates are not feasible for which reason.
+Fields are the finding's numbers and texts, ``images`` and ``candidates`` (the first few), ``count`` and
+``chosen``, how many these are, ``pairs``, and ``against``, how many candidates are not feasible for which
+reason.
 """
 
 AGAINST = {
@@ -443,6 +453,8 @@ def _fields(finding: Finding) -> dict[str, object]:
         "images": listed(images),
         "pairs": listed(pairs),
         "count": len(images),
+        "candidates": listed(finding.candidates),
+        "chosen": len(finding.candidates),
         "against": ", ".join(against),
         **finding.numbers,
         **finding.texts,

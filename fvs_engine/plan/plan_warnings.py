@@ -5,6 +5,7 @@ from collections.abc import Iterable, Iterator, Sequence
 
 import numpy as np
 
+from fvs_engine.geometry.ground import GroundCheck
 from fvs_engine.plan.plan_records import Term
 from fvs_engine.plan.planner import Mask
 from fvs_engine.plan.route import Legs
@@ -70,6 +71,19 @@ def candidates_too_close(left_out: int, count: int) -> Iterator[Finding]:
     """The finding that ``left_out`` of ``count`` candidates are where no camera can be."""
     if left_out:
         yield Finding.of(FindingCode.TOO_CLOSE, left_out=left_out, of=count)
+
+
+def ground_findings(ground: GroundCheck, count: int) -> Iterator[Finding]:
+    """The findings that some of ``count`` candidates are under the ground, or where it has no height."""
+    if ground.under:
+        yield Finding.of(FindingCode.UNDER_GROUND, candidates=ground.under, of=count)
+    yield from unknown_ground(ground, count)
+
+
+def unknown_ground(ground: GroundCheck, count: int) -> Iterator[Finding]:
+    """The finding that it is not known of some of ``count`` candidates whether they are under the ground."""
+    if ground.unknown:
+        yield Finding.of(FindingCode.GROUND_UNKNOWN, candidates=ground.unknown, of=count)
 
 
 def copied_candidates(one_of_pose: Mask) -> Iterator[Finding]:

@@ -109,6 +109,8 @@ class FindingCode(Word):
     VEHICLE_WITHOUT_WAY = "vehicle-without-way"
     VEHICLE_OUT_OF_RANGE = "vehicle-out-of-range"
     TOO_CLOSE = "too-close"
+    UNDER_GROUND = "under-ground"
+    GROUND_UNKNOWN = "ground-unknown"
     UNREACHABLE = "unreachable"
     SAME_POSE = "same-pose"
     NOTHING_IN_VIEW = "nothing-in-view"
@@ -132,6 +134,8 @@ class Finding(Output):
     images: tuple[str, ...] = ()
     """The images that it is about, on the wire their digests; of conflicting views the two of each pair, one
     after the other."""
+    candidates: tuple[str, ...] = ()
+    """The candidates that it is about, by id."""
     numbers: dict[str, float] = Field(default={})
     """Its numbers, by name."""
     texts: dict[str, str] = Field(default={})
@@ -147,6 +151,7 @@ class Finding(Output):
         code: FindingCode,
         images: Iterable[str] = (),
         severity: Severity = Severity.WARNING,
+        candidates: Iterable[str] = (),
         **data: float | str,
     ) -> "Finding":
         """The finding with its ``data``: numbers and texts."""
@@ -154,6 +159,7 @@ class Finding(Output):
             code=code,
             severity=severity,
             images=tuple(images),
+            candidates=tuple(candidates),
             numbers={name: value for name, value in data.items() if not isinstance(value, str)},
             texts={name: value for name, value in data.items() if isinstance(value, str)},
         )

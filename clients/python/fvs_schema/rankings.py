@@ -77,7 +77,7 @@ class RankingRequest(CandidatesRequest):
     """Volumes of the world frame that candidates stay out of, at most 20."""
     terrain: Terrain | None = None
     """The ground, under which candidates are `under-ground`, by the datum of the scene's altitudes; where it
-    has no height, nothing is. A ranking does not keep it."""
+    has no height, a warning says so. A ranking does not keep it."""
     rank_all: bool = False
     """Rank also candidates that are `in-matter`, `too-close`, `no-fly` or `unregistrable`; they keep that
     status."""

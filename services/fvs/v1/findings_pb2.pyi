@@ -106,6 +106,8 @@ class FindingCode(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     FINDING_CODE_MARKED_IMAGES_UNKNOWN: _ClassVar[FindingCode]
     FINDING_CODE_CONTROL_POINTS_UNUSED: _ClassVar[FindingCode]
     FINDING_CODE_FLOATERS_REMOVED: _ClassVar[FindingCode]
+    FINDING_CODE_UNDER_GROUND: _ClassVar[FindingCode]
+    FINDING_CODE_GROUND_UNKNOWN: _ClassVar[FindingCode]
 SEVERITY_UNSPECIFIED: Severity
 SEVERITY_NOTE: Severity
 SEVERITY_WARNING: Severity
@@ -200,9 +202,11 @@ FINDING_CODE_CONTROL_MARK_OFF: FindingCode
 FINDING_CODE_MARKED_IMAGES_UNKNOWN: FindingCode
 FINDING_CODE_CONTROL_POINTS_UNUSED: FindingCode
 FINDING_CODE_FLOATERS_REMOVED: FindingCode
+FINDING_CODE_UNDER_GROUND: FindingCode
+FINDING_CODE_GROUND_UNKNOWN: FindingCode
 
 class Notice(_message.Message):
-    __slots__ = ("code", "severity", "images", "numbers", "texts", "message", "hint")
+    __slots__ = ("code", "severity", "images", "numbers", "texts", "message", "hint", "candidates")
     class NumbersEntry(_message.Message):
         __slots__ = ("key", "value")
         KEY_FIELD_NUMBER: _ClassVar[int]
@@ -224,6 +228,7 @@ class Notice(_message.Message):
     TEXTS_FIELD_NUMBER: _ClassVar[int]
     MESSAGE_FIELD_NUMBER: _ClassVar[int]
     HINT_FIELD_NUMBER: _ClassVar[int]
+    CANDIDATES_FIELD_NUMBER: _ClassVar[int]
     code: FindingCode
     severity: Severity
     images: _containers.RepeatedScalarFieldContainer[str]
@@ -231,4 +236,5 @@ class Notice(_message.Message):
     texts: _containers.ScalarMap[str, str]
     message: str
     hint: str
-    def __init__(self, code: _Optional[_Union[FindingCode, str]] = ..., severity: _Optional[_Union[Severity, str]] = ..., images: _Optional[_Iterable[str]] = ..., numbers: _Optional[_Mapping[str, float]] = ..., texts: _Optional[_Mapping[str, str]] = ..., message: _Optional[str] = ..., hint: _Optional[str] = ...) -> None: ...
+    candidates: _containers.RepeatedScalarFieldContainer[str]
+    def __init__(self, code: _Optional[_Union[FindingCode, str]] = ..., severity: _Optional[_Union[Severity, str]] = ..., images: _Optional[_Iterable[str]] = ..., numbers: _Optional[_Mapping[str, float]] = ..., texts: _Optional[_Mapping[str, str]] = ..., message: _Optional[str] = ..., hint: _Optional[str] = ..., candidates: _Optional[_Iterable[str]] = ...) -> None: ...

@@ -737,7 +737,7 @@ class PoseList(_message.Message):
     def __init__(self, items: _Optional[_Iterable[_Union[_poses_pb2.Pose, _Mapping]]] = ...) -> None: ...
 
 class PlanRequest(_message.Message):
-    __slots__ = ("candidates", "generator", "targets", "views", "distance_m", "home", "vehicles", "frame", "snapshot_id", "safety_m", "no_fly", "for_vehicle")
+    __slots__ = ("candidates", "generator", "targets", "views", "distance_m", "home", "vehicles", "frame", "snapshot_id", "safety_m", "no_fly", "for_vehicle", "terrain")
     CANDIDATES_FIELD_NUMBER: _ClassVar[int]
     GENERATOR_FIELD_NUMBER: _ClassVar[int]
     TARGETS_FIELD_NUMBER: _ClassVar[int]
@@ -750,6 +750,7 @@ class PlanRequest(_message.Message):
     SAFETY_M_FIELD_NUMBER: _ClassVar[int]
     NO_FLY_FIELD_NUMBER: _ClassVar[int]
     FOR_VEHICLE_FIELD_NUMBER: _ClassVar[int]
+    TERRAIN_FIELD_NUMBER: _ClassVar[int]
     candidates: CandidateList
     generator: Generator
     targets: CandidateList
@@ -762,7 +763,8 @@ class PlanRequest(_message.Message):
     safety_m: float
     no_fly: _containers.RepeatedCompositeFieldContainer[Volume]
     for_vehicle: str
-    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., targets: _Optional[_Union[CandidateList, _Mapping]] = ..., views: _Optional[int] = ..., distance_m: _Optional[float] = ..., home: _Optional[bool] = ..., vehicles: _Optional[_Union[PoseList, _Mapping]] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., snapshot_id: _Optional[str] = ..., safety_m: _Optional[float] = ..., no_fly: _Optional[_Iterable[_Union[Volume, _Mapping]]] = ..., for_vehicle: _Optional[str] = ...) -> None: ...
+    terrain: Terrain
+    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., targets: _Optional[_Union[CandidateList, _Mapping]] = ..., views: _Optional[int] = ..., distance_m: _Optional[float] = ..., home: _Optional[bool] = ..., vehicles: _Optional[_Union[PoseList, _Mapping]] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., snapshot_id: _Optional[str] = ..., safety_m: _Optional[float] = ..., no_fly: _Optional[_Iterable[_Union[Volume, _Mapping]]] = ..., for_vehicle: _Optional[str] = ..., terrain: _Optional[_Union[Terrain, _Mapping]] = ...) -> None: ...
 
 class Expectation(_message.Message):
     __slots__ = ("variance", "psnr_db", "low_db", "high_db")

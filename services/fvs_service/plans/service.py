@@ -7,14 +7,15 @@ from typing import TypeAlias
 from anyio.to_thread import run_sync
 
 from fvs_engine.geometry import RigidTransform
+from fvs_engine.geometry.ground import GroundCheck
 from fvs_engine.plan import plan_records as engine_records
+from fvs_engine.plan.plan_warnings import ground_findings
 from fvs_engine.snapshot_cameras import usual_camera
 from fvs_schema.base import Page
 from fvs_schema.candidates import InVolume, wanted_of
 from fvs_schema.events import EventKind
 from fvs_schema.plans import CandidateTerms, Expectation, Plan, PlanList, PlanRequest, Stop, Tour
 from fvs_schema.service import Limits
-from fvs_schema.snapshots import Snapshot
 from fvs_service.concurrency import ConcurrencyLimit
 from fvs_service.errors import InvalidRequestError
 from fvs_service.events.repository import publish
@@ -22,15 +23,16 @@ from fvs_service.ids import new_id
 from fvs_service.plans import repository
 from fvs_service.plans.in_world import via
 from fvs_service.principal import Principal, Scope
-from fvs_service.rankings.in_model import clearance, require_volumes, views_in_volume
-from fvs_service.rankings.port import PlannedFlight, PlanViews, SceneRunners, UpdateQuality
-from fvs_service.rankings.pose_frames import in_world, poses_in
-from fvs_service.rankings.preparation import TakenPoses, taken_cameras
+from fvs_service.rankings.in_model import clearance, require_volumes
+from fvs_service.rankings.port import PlanViews, SceneRunners, UpdateQuality
+from fvs_service.rankings.pose_frames import poses_in
+from fvs_service.rankings.preparation import Begun, TakenPoses, taken_cameras
 from fvs_service.rankings.snapshot_frames import SnapshotFrames, by_id
+from fvs_service.rankings.under_ground import require_datum
 from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.lease import find_endpoint
-from fvs_service.scenes.poses import WorldFrame, require_on_earth
-from fvs_service.scenes.repository import SceneHead, scene_head_of
+from fvs_service.scenes.poses import require_on_earth
+from fvs_service.scenes.repository import scene_head_of
 from fvs_service.snapshots.repository import first_snapshots
 from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database, Reader
@@ -46,15 +48,15 @@ ReadRequest: TypeAlias = Callable[[], PlanRequest]
 
 @dataclass(frozen=True)
 class _Prepared:
-    """The validated input of a plan, which the runner then computes."""
+    """The validated input of a plan, which the runner then computes.
 
-    request: PlanRequest
-    remembered: IdempotencyKey
-    scene: SceneHead
-    snapshot: Snapshot
-    frame: WorldFrame
+    ``poses`` of all candidates; those that were ``photographed`` or are under the ``ground`` are not planned.
+    """
+
+    begun: Begun[PlanRequest]
     poses: Mapping[str, RigidTransform]
     photographed: frozenset[str]
+    ground: GroundCheck
     model_request: PlanViews
 
 
@@ -94,11 +96,15 @@ class Plans:
         ``DeadlineError`` when it takes longer than ``timeout_s``.
         """
         with self._limit.slot(principal.tenant_id):
-            prepared = await run_sync(self._prepare, principal, scene_id, read, timeout_s, key)
-            if isinstance(prepared, Plan):
-                return prepared
-            flight = await self._runners.plan(prepared.model_request)
-            return await run_sync(self._finish, principal, prepared, flight)
+            begun = await run_sync(self._begin, principal, scene_id, read, timeout_s, key)
+            if isinstance(begun, Plan):
+                return begun
+            poses, spent_s = None, 0.0
+            if isinstance(begun.request.generator, InVolume):
+                poses, spent_s = await begun.generated(self._runners)
+            prepared = await run_sync(self._prepare, begun, poses, spent_s)
+            planned = await self._runners.plan(prepared.model_request)
+            return await run_sync(self._finish, prepared, planned)
 
     def get(self, principal: Principal, plan_id: str) -> Plan:
         """One plan; raises ``NotFoundError``."""
@@ -113,10 +119,10 @@ class Plans:
             scene_head_of(session, principal, scene_id)
             return repository.plans_of_scene(session, scene_id, page)
 
-    def _prepare(
+    def _begin(
         self, principal: Principal, scene_id: str, read: ReadRequest, timeout_s: float, key: str | None
-    ) -> _Prepared | Plan:
-        """The request to the runner, or the plan that was made with the same idempotency key."""
+    ) -> Begun[PlanRequest] | Plan:
+        """The plan before its candidates are known, or the one that the same idempotency key made."""
         principal.require(Scope.OPERATE, scene_id)
         with self._database.querying() as reader:
             scene = scene_head_of(reader, principal, scene_id)
@@ -131,72 +137,84 @@ class Plans:
             taken_poses = self._taken_poses(reader, scene_id, request.for_vehicle)
         snapshot = self._frames.snapshot(principal, scene, request.snapshot_id)
         frame = self._frames.frame(snapshot.id, scene.origin)
-        geometry = self._frames.geometry(snapshot.id)
-        cameras = self._frames.cameras(snapshot.id)
-        generator = request.generator
+        if request.terrain is not None:
+            require_datum(request.terrain, frame)
         self._require_room()
-        camera = usual_camera(cameras)
-        taken = taken_cameras(frame, taken_poses)
-        left: Mapping[str, RigidTransform] = {}
+        if isinstance(request.generator, InVolume):
+            self._frames.require_few(request.generator.count)
+        return Begun(
+            principal=principal,
+            request=request,
+            scene=scene,
+            endpoint=endpoint,
+            snapshot=snapshot,
+            frame=frame,
+            geometry=self._frames.geometry(snapshot.id),
+            camera=usual_camera(self._frames.cameras(snapshot.id)),
+            taken=taken_cameras(frame, taken_poses),
+            timeout_s=timeout_s,
+            remembered=remembered,
+        )
+
+    def _prepare(
+        self, begun: Begun[PlanRequest], found: Mapping[str, RigidTransform] | None, spent_s: float
+    ) -> _Prepared:
+        """The request to the runner; ``found`` are candidates in a volume, which took ``spent_s``."""
+        request, frame, geometry = begun.request, begun.frame, begun.geometry
+        generator = request.generator
         photographed: frozenset[str] = frozenset()
-        generate = None
-        if isinstance(generator, InVolume):
-            self._frames.require_few(generator.count)
-            generate = views_in_volume(generator, frame, geometry.up, camera)
+        if found is not None:
+            poses = found
         else:
+            assert not isinstance(generator, InVolume)
             poses = self._frames.candidates(request.candidates, generator, frame, geometry)
-            photographed = geometry.visited(poses) | geometry.same_view(poses, tuple(taken.values()))
-            left = {name: pose for name, pose in poses.items() if name not in photographed}
-            if not left:
-                raise InvalidRequestError(
-                    f"All {len(poses)} candidates were photographed already, or are taken by a visit.",
-                    hint="Give other candidates.",
-                )
+            taken = tuple(begun.taken.values())
+            photographed = geometry.visited(poses) | geometry.same_view(poses, taken)
+        ground = begun.ground(poses)
+        left_out = photographed.union(ground.under)
+        left = {name: pose for name, pose in poses.items() if name not in left_out}
+        if not left:
+            under = f", or are under the ground ({len(ground.under)})" if ground.under else ""
+            raise InvalidRequestError(
+                f"All {len(poses)} candidates were photographed already, or are taken by a visit{under}.",
+                hint="Give other candidates.",
+            )
         served = by_id(request.targets or (), frame)
         vehicles = frame.world_from_cameras(request.vehicles or ())
         starts = {f"vehicle {number}": pose for number, pose in enumerate(vehicles)}
         require_on_earth({**served, **starts})
         scale = frame.world_from_model.scale
         model_request = PlanViews(
-            scene_id=scene.id,
-            endpoint=endpoint,
-            snapshot_id=snapshot.id,
-            api_key=principal.key_id,
-            timeout_s=timeout_s,
-            views=frame.views(left, camera),
-            generate=generate,
+            scene_id=begun.scene.id,
+            endpoint=begun.endpoint,
+            snapshot_id=begun.snapshot.id,
+            api_key=begun.principal.key_id,
+            timeout_s=max(0.0, begun.timeout_s - spent_s),
+            views=frame.views(left, begun.camera),
             clearance=clearance(request.safety_m, request.no_fly, frame) if request.around else None,
-            targets=frame.views(served, camera),
-            taken=frame.views(taken, camera),
-            starts=tuple(tuple(view.centre.tolist()) for view in frame.views(starts, camera)),
+            targets=frame.views(served, begun.camera),
+            taken=frame.views(begun.taken, begun.camera),
+            starts=tuple(tuple(view.centre.tolist()) for view in frame.views(starts, begun.camera)),
             budget=request.views,
             distance=None if request.distance_m is None else request.distance_m / scale,
             home=request.home,
             scale=scale,
-            updates=self._updates(scene_id),
+            updates=self._updates(begun.scene.id),
         )
-        return _Prepared(
-            request,
-            remembered,
-            scene,
-            snapshot,
-            frame,
-            left,
-            photographed,
-            model_request,
-        )
+        return _Prepared(begun, poses, photographed, ground, model_request)
 
-    def _finish(self, principal: Principal, prepared: _Prepared, flight: PlannedFlight) -> Plan:
-        """Keep the plan that the runner's flight makes."""
-        plan = _plan(prepared, flight)
+    def _finish(self, prepared: _Prepared, planned: engine_records.Plan) -> Plan:
+        """Keep the plan of a runner."""
+        plan = _plan(prepared, planned)
+        principal, remembered = prepared.begun.principal, prepared.begun.remembered
         # A plan that a power cut undoes can be requested again, as a ranking.
         with self._database.writing(principal.tenant_id, plan.scene_id, durable=False) as session:
             scene_head_of(session, principal, plan.scene_id)  # it may have been deleted meanwhile
-            earlier = _earlier(session, principal, prepared.remembered)
+            earlier = _earlier(session, principal, remembered)
             if earlier is not None:  # the same request, sent twice at once
                 return earlier
             repository.add_plan(session, plan)
-            prepared.remembered.remember(session, plan.id)
+            remembered.remember(session, plan.id)
             data = {"plan_id": plan.id, "snapshot_id": plan.snapshot_id}
             publish(session, plan.scene_id, EventKind.PLAN_CREATED, data)
         return plan
@@ -220,11 +238,11 @@ def _earlier(reader: Reader, principal: Principal, key: IdempotencyKey) -> Plan 
     return key.resource(reader, lambda made: repository.plan_of(reader, principal, made))
 
 
-def _plan(prepared: _Prepared, flight: PlannedFlight) -> Plan:
+def _plan(prepared: _Prepared, plan: engine_records.Plan) -> Plan:
     """The engine's plan, with poses and lengths of the world frame."""
-    request, frame, snapshot, plan = prepared.request, prepared.frame, prepared.snapshot, flight.plan
+    begun, poses = prepared.begun, prepared.poses
+    request, frame, snapshot = begun.request, begun.frame, begun.snapshot
     scale = frame.world_from_model.scale
-    poses = {**prepared.poses, **in_world(flight.generated, frame)}
     names = [stop.name for tour in plan.tours for stop in tour.stops]
     current = request.vehicles[0] if request.vehicles else None
     shown = poses_in(frame, names, poses, request.candidates or (), request.frame, current)
@@ -252,9 +270,9 @@ def _plan(prepared: _Prepared, flight: PlannedFlight) -> Plan:
     )
     return Plan(
         id=new_id("pln"),
-        scene_id=prepared.scene.id,
+        scene_id=begun.scene.id,
         snapshot_id=snapshot.id,
-        request=request,
+        request=request.model_copy(update={"terrain": None}),
         summary=plan.sentence("m" if frame.aligned else "units", scale),
         now=_expectation(plan.now),
         end=_expectation(plan.end),
@@ -262,15 +280,15 @@ def _plan(prepared: _Prepared, flight: PlannedFlight) -> Plan:
         candidates=_terms(plan, scale),
         photographed=tuple(sorted(prepared.photographed)),
         alignment=snapshot.alignment,
-        origin=prepared.scene.origin if frame.georeferenced else None,
+        origin=begun.scene.origin if frame.georeferenced else None,
         warnings=warnings_of(
             snapshot.alignment,
             in_model=request.in_model,
-            candidates=len(flight.generated or prepared.model_request.views),
+            candidates=len(prepared.model_request.views),
             registrable=plan.registrable,
             wanted=wanted_of(request.generator),
-            made=len(flight.generated),
-            of_plan=plan.warnings,
+            made=len(poses),
+            more=(*ground_findings(prepared.ground, len(poses)), *plan.warnings),
         ),
         created_at=now(),
     )

@@ -145,16 +145,15 @@ class GeneratedViews(Record):
 class PlanViews(ModelRequest):
     """Plan a flight through some of ``views``, named by candidate id; all in the model frame and its unit.
 
-    ``generate`` makes candidates instead of ``views``. With a ``clearance`` legs go around what is in the
-    way; without one they are straight. ``targets`` are what the model must serve (empty: its images and the
-    views), ``taken`` as in ``RankViews``, ``starts`` where vehicles are (empty: one at the last image),
-    ``budget``, ``distance``, ``home`` and ``scale`` as in the engine's ``Budget``. ``updates`` are the
-    scene's so far, the oldest first: they calibrate the forecast.
+    With a ``clearance`` legs go around what is in the way; without one they are straight. ``targets`` are
+    what the model must serve (empty: its images and the views), ``taken`` as in ``RankViews``, ``starts``
+    where vehicles are (empty: one at the last image), ``budget``, ``distance``, ``home`` and ``scale`` as in
+    the engine's ``Budget``. ``updates`` are the scene's so far, the oldest first: they calibrate the
+    forecast.
     """
 
     kind: Literal["plan"] = "plan"
-    views: PackedViews = ()
-    generate: ViewsInVolume | None = None
+    views: PackedViews
     clearance: Clearance | None = None
     targets: PackedViews = ()
     taken: PackedViews = ()
@@ -164,18 +163,6 @@ class PlanViews(ModelRequest):
     home: bool = False
     scale: float = 1.0
     updates: tuple[UpdateQuality, ...] = ()
-
-    @property
-    def size(self) -> int:
-        """The number of candidates."""
-        return len(self.views) if self.generate is None else self.generate.count
-
-
-class PlannedFlight(Record):
-    """A plan through the views of a request, or those ``generated`` for it, in the model frame."""
-
-    plan: Plan
-    generated: PackedViews = ()
 
 
 class SceneRunners(Protocol):
@@ -206,7 +193,7 @@ class SceneRunners(Protocol):
         """Generate candidates in a volume; nothing is rendered."""
         ...
 
-    async def plan(self, request: PlanViews) -> PlannedFlight:
+    async def plan(self, request: PlanViews) -> Plan:
         """Plan a flight; nothing is rendered."""
         ...
 

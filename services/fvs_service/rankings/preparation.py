@@ -1,25 +1,29 @@
 """Preparation of a ranking: the request to the runner, and everything that is known before scoring."""
 
+import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import TypeAlias
+from typing import Generic, TypeAlias, TypeVar
 
 import numpy as np
+from anyio.to_thread import run_sync
 from numpy.typing import NDArray
 
 from fvs_engine import candidates as engine
 from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.geometry.ground import GroundCheck
 from fvs_schema.candidates import CandidateStatus, InVolume
+from fvs_schema.plans import PlanRequest
 from fvs_schema.poses import FramePose, VehiclePose
 from fvs_schema.rankings import RankingRequest
 from fvs_schema.snapshots import Snapshot
 from fvs_service.principal import Principal
 from fvs_service.rankings.in_model import clearance, views_in_volume
-from fvs_service.rankings.port import GenerateViews, RankViews
-from fvs_service.rankings.pose_frames import poses_in
+from fvs_service.rankings.port import GenerateViews, RankViews, SceneRunners
+from fvs_service.rankings.pose_frames import in_world, poses_in
 from fvs_service.rankings.scene_geometry import SceneGeometry
-from fvs_service.rankings.under_ground import under_ground
+from fvs_service.rankings.under_ground import ground_check
 from fvs_service.scenes.poses import WorldFrame
 from fvs_service.scenes.repository import SceneHead
 from fvs_service.storage.database import Reader
@@ -27,6 +31,7 @@ from fvs_service.storage.idempotency import IdempotencyKey
 
 TakenPoses: TypeAlias = Callable[[Reader, str, str | None], Sequence[FramePose | VehiclePose]]
 """The poses in a scene that are taken for a vehicle, or for one without a name."""
+RequestT = TypeVar("RequestT", RankingRequest, PlanRequest)
 
 
 @dataclass(frozen=True)
@@ -44,19 +49,20 @@ class PreparedRanking:
     poses: Mapping[str, FramePose | VehiclePose]
     distances: Mapping[str, float]
     excluded: Mapping[str, engine.RankedCandidate]
+    ground: GroundCheck
     model_request: RankViews
     remembered: IdempotencyKey
 
 
 @dataclass(frozen=True)
-class BegunRanking:
-    """A ranking before its candidates are known.
+class Begun(Generic[RequestT]):
+    """A ranking or a plan before its candidates are known.
 
     ``taken`` are world_from_camera of views that count as visited, by names that no candidate has.
     """
 
     principal: Principal
-    request: RankingRequest
+    request: RequestT
     scene: SceneHead
     endpoint: str | None
     snapshot: Snapshot
@@ -67,17 +73,21 @@ class BegunRanking:
     timeout_s: float
     remembered: IdempotencyKey
 
-    @cached_property
-    def current(self) -> NDArray[np.float64] | None:
-        """Where the vehicle is in the world [3]; None where the request does not say."""
-        pose = self.request.current_pose
-        return None if pose is None else self.frame.world_from_camera(pose).translation
-
-    def generation(self) -> GenerateViews:
-        """The request to a runner for candidates in the request's volume.
+    async def generated(self, runners: SceneRunners) -> tuple[Mapping[str, RigidTransform], float]:
+        """Candidates in the request's volume (id → world_from_camera), and the seconds that they took.
 
         Raises ``InvalidRequestError`` for volumes that cannot be used in the model frame.
         """
+        began = time.monotonic()
+        generated = await runners.generate(await run_sync(self._generation))
+        poses = await run_sync(in_world, generated.views, self.frame)
+        return poses, time.monotonic() - began
+
+    def ground(self, poses: Mapping[str, RigidTransform]) -> GroundCheck:
+        """Compare candidates (id → world_from_camera) with the request's terrain, if it has one."""
+        return ground_check(poses, self.frame, self.request.terrain)
+
+    def _generation(self) -> GenerateViews:
         request, frame = self.request, self.frame
         assert isinstance(request.generator, InVolume)
         return GenerateViews(
@@ -90,12 +100,25 @@ class BegunRanking:
             clearance=clearance(request.safety_m, request.no_fly, frame),
         )
 
+
+@dataclass(frozen=True)
+class BegunRanking(Begun[RankingRequest]):
+    """A ranking before its candidates are known."""
+
+    @cached_property
+    def current(self) -> NDArray[np.float64] | None:
+        """Where the vehicle is in the world [3]; None where the request does not say."""
+        pose = self.request.current_pose
+        return None if pose is None else self.frame.world_from_camera(pose).translation
+
     def prepared(self, poses: Mapping[str, RigidTransform], spent_s: float = 0.0) -> PreparedRanking:
         """The ranking of candidates at ``poses`` (id → world_from_camera), which took ``spent_s`` to find."""
         request, frame, current = self.request, self.frame, self.current
         distances = _distances(poses, current)
-        below = frozenset() if request.terrain is None else under_ground(poses, frame, request.terrain)
-        excluded = _excluded(poses, distances, self.geometry, self.taken, request.radius_m, below)
+        ground = self.ground(poses)
+        excluded = _excluded(
+            poses, distances, self.geometry, self.taken, request.radius_m, frozenset(ground.under)
+        )
         scored = {name: pose for name, pose in poses.items() if name not in excluded}
         later = {
             name: poses[name]
@@ -130,6 +153,7 @@ class BegunRanking:
             dict(zip(poses, answered, strict=True)),
             distances,
             excluded,
+            ground,
             model_request,
             self.remembered,
         )

@@ -1,6 +1,5 @@
 """Rankings of candidates. They never wait for a job: the scene's runner scores them while it trains."""
 
-import time
 from collections.abc import AsyncGenerator, Callable, Sequence
 from contextlib import aclosing
 from typing import TypeAlias
@@ -8,9 +7,10 @@ from typing import TypeAlias
 from anyio.to_thread import run_sync
 
 from fvs_engine import candidates as engine
+from fvs_engine.plan.plan_warnings import unknown_ground
 from fvs_engine.snapshot_cameras import usual_camera
 from fvs_schema.base import Page
-from fvs_schema.candidates import InVolume, wanted_of
+from fvs_schema.candidates import CandidateStatus, InVolume, wanted_of
 from fvs_schema.events import EventKind
 from fvs_schema.poses import Pose
 from fvs_schema.rankings import (
@@ -31,7 +31,6 @@ from fvs_service.principal import Principal, Scope
 from fvs_service.rankings import repository
 from fvs_service.rankings.in_model import require_volumes
 from fvs_service.rankings.port import RankedViews, RenderView, SceneRunners, ViewImage
-from fvs_service.rankings.pose_frames import in_world
 from fvs_service.rankings.preparation import BegunRanking, PreparedRanking, TakenPoses, taken_cameras
 from fvs_service.rankings.snapshot_frames import SnapshotFrames
 from fvs_service.rankings.under_ground import require_datum
@@ -160,10 +159,8 @@ class Rankings:
         found = await run_sync(self._prepare, principal, scene_id, read, timeout_s, key)
         if not isinstance(found, BegunRanking):
             return found
-        began = time.monotonic()
-        generated = await self._runners.generate(await run_sync(found.generation))
-        spent_s = time.monotonic() - began
-        return await run_sync(lambda: found.prepared(in_world(generated.views, found.frame), spent_s))
+        poses, spent_s = await found.generated(self._runners)
+        return await run_sync(found.prepared, poses, spent_s)
 
     def _prepare(
         self,
@@ -246,9 +243,13 @@ class Rankings:
                 in_model=request.in_model,
                 candidates=len(result.candidates),
                 registrable=result.registrable,
-                statuses=[one.status for one in result.candidates],
+                statuses=[
+                    *(one.status for one in result.candidates),
+                    *(CandidateStatus.UNDER_GROUND for _ in prepared.ground.under),
+                ],
                 wanted=wanted_of(request.generator),
                 made=len(prepared.poses),
+                more=unknown_ground(prepared.ground, len(prepared.poses)),
             ),
             created_at=now(),
         )

@@ -1,34 +1,42 @@
 """Which candidates are under the terrain of a request."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
 
+from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import RigidTransform
+from fvs_engine.geometry import ground as engine
 from fvs_schema.error_codes import FieldError
-from fvs_schema.poses import VehiclePose
 from fvs_schema.terrain import Terrain
 from fvs_service.errors import InvalidRequestError
-from fvs_service.scenes.poses import WorldFrame
+from fvs_service.scenes.poses import WorldFrame, geodetic_origin
 
 
 def require_datum(terrain: Terrain, frame: WorldFrame) -> None:
     """Raise ``InvalidRequestError`` for a terrain above another datum than a scene's altitudes."""
     datum = frame.require_origin().altitude_datum
-    if terrain.altitude_datum is not datum:
-        raise InvalidRequestError(
-            f"Heights of the terrain are above {terrain.altitude_datum.value}, the scene's altitudes above "
-            f"{datum.value}.",
-            hint="Add the difference to its heights, and give the scene's datum as its altitude_datum.",
-            errors=[FieldError("terrain.altitude_datum", f"it is not {datum.value}")],
-        )
+    with _about("terrain.altitude_datum", f"it is not {datum.value}"):
+        engine.require_datum(terrain, datum)
 
 
-def under_ground(poses: Mapping[str, RigidTransform], frame: WorldFrame, terrain: Terrain) -> frozenset[str]:
-    """The ids of world_from_camera ``poses`` that are below the ground."""
-    geodetic = frame.poses(list(poses.values()), "geodetic")
-    return frozenset(
-        name
-        for name, pose in zip(poses, geodetic, strict=True)
-        if isinstance(pose, VehiclePose)
-        and (ground_m := terrain.height_m((pose.latitude_deg, pose.longitude_deg))) is not None
-        and pose.altitude_m < ground_m
-    )
+def ground_check(
+    poses: Mapping[str, RigidTransform], frame: WorldFrame, terrain: Terrain | None
+) -> engine.GroundCheck:
+    """Compare world_from_camera ``poses``, by id, with the terrain of a request, if it has one.
+
+    Raises ``InvalidRequestError`` for a terrain that has a height at none of them.
+    """
+    if terrain is None:
+        return engine.GroundCheck()
+    positions_m = {name: pose.translation for name, pose in poses.items()}
+    with _about("terrain", "it has no height at the candidates"):
+        return engine.GroundCheck.of(positions_m, geodetic_origin(frame.require_origin()), terrain)
+
+
+@contextmanager
+def _about(field: str, message: str) -> Iterator[None]:
+    try:
+        yield
+    except InvalidInputError as error:
+        errors = [FieldError(field, message)]
+        raise InvalidRequestError(error.message, hint=error.hint, errors=errors) from error

@@ -1,6 +1,6 @@
 """Warnings on a ranking or a plan: what limits its use, and the remedy."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 
 from fvs_engine.plan.plan_warnings import few_registrable, none_feasible
 from fvs_engine.wording import notice
@@ -18,14 +18,14 @@ def warnings_of(
     statuses: Iterable[CandidateStatus] = (),
     wanted: int | None = None,
     made: int = 0,
-    of_plan: Sequence[Finding] = (),
+    more: Iterable[Finding] = (),
 ) -> tuple[Notice, ...]:
     """The warnings on a ranking or a plan with this alignment.
 
     ``in_model``: all its poses are in the model frame. ``registrable`` of its ``candidates`` are likely to be
     registered (None: that is not known). ``statuses``: those of a ranking's candidates. A generator has
     ``made`` candidates of those ``wanted`` (None: there is no number).
-    ``of_plan``: the engine's findings about a plan.
+    ``more``: findings of the engine.
     """
     found = []
     if alignment.status is AlignmentStatus.ILL_CONDITIONED and not in_model:
@@ -34,5 +34,5 @@ def warnings_of(
         found.append(Finding.of(FindingCode.POSITIONS_UNUSED))
     if wanted is not None and made < wanted:
         found.append(Finding.of(FindingCode.FEWER_CANDIDATES, made=made, wanted=wanted))
-    found += [*few_registrable(registrable, candidates), *none_feasible(statuses), *of_plan]
+    found += [*few_registrable(registrable, candidates), *none_feasible(statuses), *more]
     return tuple(map(notice, found))

@@ -45,8 +45,25 @@ def test_candidates_under_the_terrain_are_told(gateway: Any) -> None:
     assert found.keys() == {"above", "under", "beside"}
     assert found["under"] == ("under-ground", None, CANDIDATES[1]["pose"] | found["under"][2])
     assert "under-ground" not in (found["above"][0], found["beside"][0])
+    (unknown,) = [one for one in ranking["warnings"] if one["code"] == "ground-unknown"]
+    assert unknown["candidates"] == ["beside"]
+    assert "no height at 1 of the 3 candidates" in unknown["message"]
     assert ranking["request"]["terrain"] is None
     assert gateway.client.get(answer.headers["location"]).json() == ranking
+
+
+def test_a_terrain_of_another_place_is_refused(gateway: Any) -> None:
+    answer = _rank(gateway, terrain={**TERRAIN, "south_deg": 7.74, "west_deg": 46.01})
+    assert answer.status_code == 422
+    assert "no height at any of the 3 candidates, around 46.02" in answer.json()["detail"]
+    assert [error["field"] for error in answer.json()["errors"]] == ["terrain"]
+
+
+def test_without_a_candidate_above_the_ground_a_warning_says_so(gateway: Any) -> None:
+    answer = _rank(gateway, candidates=CANDIDATES[1:2], terrain=TERRAIN).json()
+    assert [one["message"] for one in answer["warnings"] if one["code"] == "none-feasible"] == [
+        "None of the 1 candidates is feasible: 1 under the ground."
+    ]
 
 
 def test_a_terrain_above_another_datum_is_refused(gateway: Any) -> None:

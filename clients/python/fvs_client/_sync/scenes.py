@@ -205,6 +205,7 @@ class Scene(Resource, SceneData):
         home: bool = False,
         safety_m: float | None = None,
         no_fly: Iterable[Volume] | None = None,
+        terrain: Terrain | None = None,
         vehicles: Iterable[Pose] | None = None,
         for_vehicle: str | None = None,
         frame: PoseFrame | None = None,
@@ -217,8 +218,10 @@ class Scene(Resource, SceneData):
         Of the ``candidates``, given as for ``rank``, at most ``views``, within ``distance_m`` for each of
         the ``vehicles``, by default one at the last image; with ``home`` they fly back. ``targets`` are poses
         that the model must serve, by default its images and the candidates. Vehicles keep ``safety_m`` from
-        the model's matter, and out of the volumes ``no_fly``; a stop says what its way goes ``via``. Raises
-        ``NoSnapshotError`` when the scene has no model, ``InvalidRequestError`` for what cannot be flown.
+        the model's matter, and out of the volumes ``no_fly``; a stop says what its way goes ``via``.
+        Candidates under the ``terrain``, given as for ``rank``, are not planned, and a warning names them.
+        Raises ``NoSnapshotError`` when the scene has no model, ``InvalidRequestError`` for what cannot be
+        flown.
         """
         plan = PlanRequest(
             candidates=_candidates(candidates),
@@ -229,6 +232,7 @@ class Scene(Resource, SceneData):
             home=home,
             safety_m=safety_m,
             no_fly=() if no_fly is None else tuple(no_fly),
+            terrain=terrain,
             vehicles=None if vehicles is None else tuple(vehicles),
             for_vehicle=for_vehicle,
             frame=frame,

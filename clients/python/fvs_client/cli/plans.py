@@ -6,6 +6,7 @@ from typing import Annotated
 import typer
 
 from fvs_client import Plan
+from fvs_client.cli.ground import GroundOption, ground_of
 from fvs_client.cli.options import (
     AimOption,
     AnswerTimeoutOption,
@@ -56,6 +57,7 @@ def plan(
         ),
     ] = None,
     no_fly: NoFlyOption = None,
+    terrain: GroundOption = None,
     targets: Annotated[
         Path | None,
         typer.Option(
@@ -91,7 +93,8 @@ def plan(
     listed, served = read_candidates(candidates), read_candidates(targets)
     vehicles = [read_pose(path) for path in vehicle] if vehicle else None
     with service(context, as_json=as_json) as client:
-        made = find_scene(client, scene).plan(
+        found = find_scene(client, scene)
+        made = found.plan(
             listed,
             generator=wanted,
             targets=served,
@@ -100,6 +103,7 @@ def plan(
             home=home,
             safety_m=safety,
             no_fly=[read_volume(path) for path in no_fly] if no_fly else None,
+            terrain=ground_of(terrain, found, listed or ()),
             vehicles=vehicles,
             for_vehicle=for_vehicle,
             frame=None if frame is None else frame.value,

@@ -1,12 +1,12 @@
 """``fvs-client rank``."""
 
-from collections.abc import Iterable
 from pathlib import Path
 from typing import Annotated
 
 import typer
 
-from fvs_client import Candidate, FramePose, Ranking, Scene, Terrain
+from fvs_client import Ranking
+from fvs_client.cli.ground import GroundOption, ground_of
 from fvs_client.cli.options import (
     AimOption,
     AnswerTimeoutOption,
@@ -33,13 +33,10 @@ from fvs_client.cli.poses import (
 )
 from fvs_client.cli.progress import ranking_progress
 from fvs_client.cli.session import confirm, find_scene, service
-from fvs_client.height_model import HeightModel, places_of
 from fvs_client.models.rankings import made_by, ranking_table
 
 rankings = typer.Typer(help="List, show and delete rankings.", no_args_is_help=True)
 
-_AROUND_M = 200.0
-"""How far around the scene's origin candidates of a generator are compared with the ground."""
 _RankingArgument = Annotated[str, typer.Argument(metavar="RANKING", help="A ranking's id.")]
 
 
@@ -66,17 +63,7 @@ def rank(
         ),
     ] = None,
     no_fly: NoFlyOption = None,
-    terrain: Annotated[
-        Path | None,
-        typer.Option(
-            exists=True,
-            dir_okay=False,
-            metavar="FILE",
-            help="A height model, such as a GeoTIFF in any CRS, under which candidates have no rank. Its "
-            "heights have the datum of the scene's altitudes. Needs the extra `terrain` of fvs-client.",
-            show_default=False,
-        ),
-    ] = None,
+    terrain: GroundOption = None,
     rank_all: Annotated[
         bool,
         typer.Option(
@@ -134,7 +121,7 @@ def rank(
                 radius_m=radius,
                 safety_m=safety,
                 no_fly=[read_volume(path) for path in no_fly] if no_fly else None,
-                terrain=None if terrain is None else _ground(terrain, found, listed or ()),
+                terrain=ground_of(terrain, found, listed or ()),
                 rank_all=rank_all,
                 frame=None if frame is None else frame.value,
                 top_k=top,
@@ -201,15 +188,6 @@ def delete(context: typer.Context, ranking: _RankingArgument, yes: YesOption = F
         confirm(f"Permanently delete the ranking {found.id}?", yes=yes)
         found.delete()
     typer.echo(f"{found.id} deleted")
-
-
-def _ground(path: Path, scene: Scene, candidates: Iterable[Candidate]) -> Terrain:
-    """The height model around candidates, or around the scene's origin."""
-    poses = [candidate.pose for candidate in candidates]
-    if not poses:
-        poses = [FramePose(position=(0.0, 0.0, 0.0), orientation_wxyz=(1.0, 0.0, 0.0, 0.0))]
-    with HeightModel(path) as heights:
-        return heights.around(places_of(poses, scene.origin), _AROUND_M)
 
 
 def _print(ranking: Ranking) -> None:

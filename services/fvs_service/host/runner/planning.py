@@ -10,18 +10,11 @@ from fvs_engine.plan.distances import view_points
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.generate import Aim, candidates_in
 from fvs_engine.plan.kriging import variances
+from fvs_engine.plan.plan_records import Plan
 from fvs_engine.plan.tours import Budget
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.views import PinholeView
-from fvs_service.rankings.port import (
-    Clearance,
-    GeneratedViews,
-    GenerateViews,
-    PlannedFlight,
-    PlanViews,
-    UpdateQuality,
-    ViewsInVolume,
-)
+from fvs_service.rankings.port import Clearance, GeneratedViews, GenerateViews, PlanViews, UpdateQuality
 
 
 def generate_views(request: GenerateViews, model: SceneModel, monitor: Monitor) -> GeneratedViews:
@@ -29,33 +22,36 @@ def generate_views(request: GenerateViews, model: SceneModel, monitor: Monitor) 
 
     Raises ``InvalidInputError`` when none is clear of matter, and ``Cancelled``.
     """
-    return GeneratedViews(views=_generated(request.views, _space(request.clearance, model, monitor)))
+    wanted = request.views
+    return GeneratedViews(
+        views=candidates_in(
+            wanted.volume,
+            wanted.count,
+            wanted.camera,
+            up=wanted.up,
+            aim=Aim(wanted.aim, wanted.level),
+            space=_space(request.clearance, model, monitor),
+        )
+    )
 
 
-def plan_views(request: PlanViews, model: SceneModel, monitor: Monitor) -> PlannedFlight:
+def plan_views(request: PlanViews, model: SceneModel, monitor: Monitor) -> Plan:
     """Plan a flight; raises ``InvalidInputError`` for what cannot be flown, and ``Cancelled``."""
-    space = _space(request.clearance or Clearance(), model, monitor)
-    generated = () if request.generate is None else _generated(request.generate, space)
-    plan = model.plan(
-        generated or request.views,
+    clearance = request.clearance
+    return model.plan(
+        request.views,
         Budget(request.budget, request.distance, request.home, scale=request.scale),
         [np.array(start) for start in request.starts] or [model.views[-1].centre],
         lambda spread: _seen(request.updates, {view.name: view for view in model.views}, spread),
         targets=request.targets,
         taken=request.taken,
-        space=None if request.clearance is None else space,
+        space=None if clearance is None else _space(clearance, model, monitor),
         monitor=monitor,
     )
-    return PlannedFlight(plan=plan, generated=generated)
 
 
 def _space(clearance: Clearance, model: SceneModel, monitor: Monitor) -> FreeSpace:
     return model.space(clearance.safety, clearance.no_fly, monitor)
-
-
-def _generated(wanted: ViewsInVolume, space: FreeSpace) -> tuple[PinholeView, ...]:
-    aim = Aim(wanted.aim, wanted.level)
-    return candidates_in(wanted.volume, wanted.count, wanted.camera, up=wanted.up, aim=aim, space=space)
 
 
 def _seen(updates: Sequence[UpdateQuality], by_image: dict[str, PinholeView], spread: float) -> list[Seen]:

@@ -149,7 +149,7 @@ class RunnerServer:
                 )[0]
             case PlanViews():
                 return self._ask(
-                    connection, request, request.kind, request.size, partial(plan_views, request)
+                    connection, request, request.kind, len(request.views), partial(plan_views, request)
                 )[0]
             case RunJob():
                 return self._run_job(connection, request)

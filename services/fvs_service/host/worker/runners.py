@@ -15,6 +15,7 @@ from sqlalchemy import delete, select
 from sqlalchemy.exc import IntegrityError
 
 from fvs_engine.candidates import CandidateScore
+from fvs_engine.plan.plan_records import Plan
 from fvs_service.application import Storage
 from fvs_service.errors import UnavailableError, deadline_passed
 from fvs_service.host.protocol.async_connection import AsyncConnections, exchange, result_of
@@ -23,7 +24,6 @@ from fvs_service.host.protocol.messages import error_of
 from fvs_service.rankings.port import (
     GeneratedViews,
     GenerateViews,
-    PlannedFlight,
     PlanViews,
     RankedViews,
     RankingSteps,
@@ -123,10 +123,10 @@ class LeasedRunners:
         with self._span(request, request.views.count):
             return await self._ask(request, GeneratedViews.model_validate)
 
-    async def plan(self, request: PlanViews) -> PlannedFlight:
+    async def plan(self, request: PlanViews) -> Plan:
         """See ``SceneRunners``."""
-        with self._span(request, request.size):
-            return await self._ask(request, PlannedFlight.model_validate)
+        with self._span(request, len(request.views)):
+            return await self._ask(request, Plan.model_validate)
 
     async def close(self) -> None:
         """See ``SceneRunners``."""
