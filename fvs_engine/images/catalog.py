@@ -152,12 +152,15 @@ def catalog_images(
     return ImageCatalog(folder, tuple(photographs), tuple(rejected), tuple(ignored))
 
 
-def require_usable(folder: Path, names: Sequence[str], *, monitor: Monitor | None = None) -> None:
-    """Check that all images ``names`` of ``folder`` can be decoded.
+def require_usable(
+    folder: Path, names: Sequence[str], masks: Mapping[str, Path], *, monitor: Monitor | None = None
+) -> None:
+    """Check that all images ``names`` of ``folder`` can be decoded, and their masks used.
 
-    Stage ``images``. Raises ``InvalidInputError`` for the first that cannot be used, ``Cancelled``.
+    ``masks``: name → the file that counts where the folder has no mask. Stage ``images``. Raises
+    ``InvalidInputError`` for the first that cannot be used, ``Cancelled``.
     """
-    files = {folder / name: None for name in names}
+    files = {folder / name: masks.get(name) for name in names}
     for result in _examined(folder, files, monitor or Monitor(), None):
         if isinstance(result, RejectedImage):
             raise InvalidInputError(

@@ -9,7 +9,7 @@ import os
 import re
 import unicodedata
 from collections import Counter
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Container, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path, PurePosixPath
 
@@ -111,12 +111,15 @@ def match_names(names: Iterable[str], images: Mapping[str, str]) -> NameMatches:
     return NameMatches(found, missing, unclear, tuple(respelled))
 
 
-def match_files(names: Iterable[str], folder: Path) -> NameMatches:
+def match_files(names: Iterable[str], folder: Path, leave_out: Container[Path] = ()) -> NameMatches:
     """Match ``names`` to files below ``folder`` but masks; the result has the files' posix paths in it.
 
-    Raises ``InvalidInputError`` when a name is ambiguous.
+    The files ``leave_out``, resolved, are no images either. Raises ``InvalidInputError`` when a name is
+    ambiguous.
     """
-    paths = (path for path in folder.rglob("*") if path.is_file() and not path.name.startswith("."))
+    paths = [path for path in folder.rglob("*") if path.is_file() and not path.name.startswith(".")]
+    if leave_out:
+        paths = [path for path in paths if path.resolve() not in leave_out]
     files = [path.relative_to(folder).as_posix() for path in paths]
     matches = match_names(names, {file: file for file in files if not is_mask(file)})
     matches.require_unambiguous()

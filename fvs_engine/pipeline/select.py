@@ -23,7 +23,7 @@ from fvs_engine.pipeline.selection_request import SelectionRequest
 from fvs_engine.plan.distances import path_length
 from fvs_engine.plan.plan_records import Expectation
 from fvs_engine.records import Record
-from fvs_engine.scene.dataset import Dataset, open_dataset
+from fvs_engine.scene.dataset import Dataset, link_masks, open_dataset
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.score.selectors.interface import Selector
 from fvs_engine.select.loop import SelectionLoop, StepRecord, StopReason
@@ -104,9 +104,10 @@ def select_views(
     dataset = open_outside(out, folder, colmap, transforms, monitor)
     settings = request.loop_settings(dataset)
     if not (out / "selection.json").exists():  # a truncated image would end it half-way
-        require_usable(dataset.image_dir, dataset.names, monitor=monitor)
+        require_usable(dataset.image_dir, dataset.names, dataset.masks, monitor=monitor)
     rasterizer = create_rasterizer(backend, monitor)
     with locked_output(out):
+        dataset = link_masks(dataset, out)
         loop = SelectionLoop.open(out, dataset, settings, selector, rasterizer, monitor)
         return _run(loop, out, monitor)
 

@@ -21,6 +21,7 @@ from fvs_engine.records import Record
 from fvs_engine.scene.dataset import Dataset
 from fvs_engine.select.loop_records import Choice, StepRecord, StopReason
 from fvs_engine.select.loop_settings import LoopSettings
+from fvs_schema.masks import find_mask
 
 _STEP_FILE = re.compile(r"\d{4,}\.json")
 
@@ -73,7 +74,7 @@ class LoopFolder:
             return manifest
         found = differences(_lasting(earlier.settings), _lasting(manifest.settings))
         if earlier.fingerprint != manifest.fingerprint:
-            found.append("the dataset's photographs or poses differ")
+            found.append("the dataset's photographs, masks or poses differ")
         self._owned.require_same(found)
         return earlier
 
@@ -109,12 +110,14 @@ class LoopFolder:
 
 
 def fingerprint(dataset: Dataset) -> str:
-    """Hash of a dataset: cameras, poses, and the photographs by their sizes in bytes."""
+    """Hash of a dataset: cameras, poses, masks, and the photographs by their sizes in bytes."""
     digest = hashlib.sha256()
     for view in dataset.views:
         size_bytes = (dataset.image_dir / view.name).stat().st_size
         digest.update(f"{view.name}\0{view.camera}\0{size_bytes}\0".encode())
         digest.update(view.camera_from_model.matrix.tobytes())
+        if (mask := find_mask(dataset.image_dir, view.name)) is not None:
+            digest.update(b"\0mask\0" + mask.read_bytes())
     return digest.hexdigest()
 
 

@@ -81,7 +81,7 @@ class ExperimentFolder:
             earlier.protocol.model_dump(exclude=changeable), protocol.model_dump(exclude=changeable)
         )
         if earlier.fingerprint != given.fingerprint:
-            found.append("the dataset's photographs or poses differ")
+            found.append("the dataset's photographs, masks or poses differ")
         owned.require_same(found)
 
 

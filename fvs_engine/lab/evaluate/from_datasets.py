@@ -9,6 +9,7 @@ from fvs_engine.lab.evaluate.protocol import Protocol
 from fvs_engine.lab.evaluate.report import Summary
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.select import locked_output, open_outside
+from fvs_engine.scene.dataset import link_masks
 from fvs_engine.splat.raster import create_rasterizer
 
 
@@ -34,12 +35,12 @@ def evaluate_selectors(
     monitor = monitor or Monitor()
     dataset = open_outside(out, folder, colmap, transforms, monitor)
     if not (out / "experiment.json").exists():  # a truncated image would end runs half-way
-        require_usable(dataset.image_dir, dataset.names, monitor=monitor)
+        require_usable(dataset.image_dir, dataset.names, dataset.masks, monitor=monitor)
     rasterizer = create_rasterizer(backend, monitor)
     with locked_output(out):
         return run_experiment(
             out,
-            dataset,
+            link_masks(dataset, out),
             protocol,
             methods,
             seeds,

@@ -55,7 +55,8 @@ def import_transforms_json(file: Path, image_dir: Path | None = None) -> Reconst
     elsewhere: Mapping[str, str] = {}
     sought = [frame.name for frame in frames if frame.image is None and _size(file, frame.fields) is None]
     if sought and image_dir is not None:
-        elsewhere = match_files(sought, image_dir).found
+        masks = read_transforms_masks(file).values()
+        elsewhere = match_files(sought, image_dir, {mask.resolve() for mask in masks if mask}).found
     views = []
     for frame in frames:
         image = frame.image

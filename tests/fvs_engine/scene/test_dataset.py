@@ -8,7 +8,8 @@ import pytest
 from PIL import Image
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.scene.dataset import Dataset, read_dataset
+from fvs_engine.images.masks import read_mask
+from fvs_engine.scene.dataset import Dataset, link_masks, read_dataset
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.sfm.colmap.model import to_pycolmap
 from fvs_engine.views import View
@@ -214,3 +215,35 @@ def test_masks_are_no_photographs(tmp_path: Path) -> None:
     dataset = read_dataset(images, transforms=file)
     assert dataset.names == ("a.png", "b.png")
     assert [warning.images for warning in dataset.warnings] == [("images/gone.png",), ("c.png",)]
+
+
+def test_the_masks_of_a_transforms_json_are_those_of_the_folder(tmp_path: Path) -> None:
+    images = write_photographs(tmp_path / "images")
+    masks = {}
+    for number, name in enumerate(
+        ("given/a.png", "given/b.png", "masks/b.png", "images/masks/c.png"), start=4
+    ):
+        masks[name] = np.arange(48 * 40).reshape(40, 48) % number > 0
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        Image.fromarray(masks[name]).save(tmp_path / name)
+    (images / "a.png").rename(images / "d.png")
+    (tmp_path / "given" / "a.png").rename(images / "d_mask.png")
+    frames = [
+        {"file_path": f"images/{name}.png", "transform_matrix": np.eye(4).tolist(), "mask_path": mask}
+        for name, mask in (("d", "images/d_mask.png"), ("b", "given/b.png"), ("c", None))
+    ]
+    file = tmp_path / "transforms.json"
+    file.write_text(json.dumps({"fl_x": 50.0, "w": 48, "h": 40, "frames": frames}))
+    dataset = read_dataset(images, transforms=file)
+    assert dataset.warnings == ()
+    (tmp_path / "out").mkdir()
+    for _ in range(2):
+        linked = link_masks(dataset, tmp_path / "out")
+    found = {name: read_mask(linked.image_dir, name) for name in linked.names}
+    expected = {"b.png": "masks/b.png", "c.png": "images/masks/c.png", "d.png": "given/a.png"}
+    for name, mask in expected.items():
+        np.testing.assert_array_equal(found[name], masks[mask])
+    view = linked.by_name["d.png"]
+    loaded = Photographs(linked.image_dir, 48).load("d.png", view.camera, view.camera_from_model)
+    np.testing.assert_array_equal(loaded.mask, masks["given/a.png"])
+    assert link_masks(linked, tmp_path / "other") is linked

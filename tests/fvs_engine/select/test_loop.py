@@ -259,7 +259,7 @@ def test_other_photographs_are_not_mixed_in(room: Dataset, room_dir: Path, tmp_p
         photograph.write(b" ")
     other = read_dataset(tmp_path / "room" / "images", colmap=tmp_path / "room" / "sparse")
     open_loop(tmp_path / "out", room)
-    with pytest.raises(OutputExistsError, match="photographs or poses differ"):
+    with pytest.raises(OutputExistsError, match="photographs, masks or poses differ"):
         open_loop(tmp_path / "out", other)
 
 
