@@ -69,3 +69,9 @@ def test_an_empty_file_and_an_unknown_check_point() -> None:
         read_gcp_list("\n \n", FILE)
     with pytest.raises(GcpListError, match="named Z"):
         _read("1 2 3 4 5 a.jpg p", check=("Z*",))
+
+
+@pytest.mark.parametrize("line", ["{0} 2 5 1 1 a.jpg", "1 2 5 1 1 {0}.jpg G1", "{0} 2 5 1 1 a.jpg G{0}"])
+def test_long_files_are_read_in_one_pass(line: str) -> None:
+    read = _read(*(line.format(number) for number in range(10_000)))
+    assert sum(len(point.marks) for point in read.points) == 10_000

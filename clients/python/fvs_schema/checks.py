@@ -34,8 +34,16 @@ def of_fields(message: str, *fields: str) -> PydanticCustomError:
 
 def require_different(ids: Iterable[str], field: str) -> None:
     """Raise the error of a model's validator unless all ids of the items in ``field`` are different."""
+    twice = repeated(ids)
+    if twice is not None:
+        raise of_fields(f"two {field} have the id {twice}", field)
+
+
+def repeated(items: Iterable[str]) -> str | None:
+    """The first item that was there before; None when all are different."""
     seen: set[str] = set()
-    for item in ids:
+    for item in items:
         if item in seen:
-            raise of_fields(f"two {field} have the id {item}", field)
+            return item
         seen.add(item)
+    return None

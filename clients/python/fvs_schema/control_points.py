@@ -5,7 +5,7 @@ from typing import Annotated
 from pydantic import ConfigDict, Field, model_validator
 
 from fvs_schema.base import Input, Output
-from fvs_schema.checks import of_fields, within
+from fvs_schema.checks import of_fields, repeated, within
 from fvs_schema.quantities import MAX_SIDE_PX, Coordinate, Count, Number
 from fvs_schema.scenes import AltitudeDatum
 from fvs_schema.words import Word
@@ -46,8 +46,7 @@ class ControlPoint(Input):
 
     @model_validator(mode="after")
     def _marked_once(self) -> "ControlPoint":
-        images = [mark.image for mark in self.marks]
-        twice = next((image for image in images if images.count(image) > 1), None)
+        twice = repeated(mark.image for mark in self.marks)
         if twice is not None:
             raise of_fields(f"{self.name} has two marks in {twice}", "marks")
         return self
@@ -87,8 +86,7 @@ class ControlPoints(Input):
 
     @model_validator(mode="after")
     def _different_names(self) -> "ControlPoints":
-        names = [point.name for point in self.points]
-        twice = next((name for name in names if names.count(name) > 1), None)
+        twice = repeated(point.name for point in self.points)
         if twice is not None:
             raise of_fields(f"two points have the name {twice}", "points")
         return self

@@ -29,12 +29,12 @@ class GcpListError(ValueError):
 
 @dataclass
 class _Point:
-    """A point as it is read: its coordinates and the number of its first line."""
+    """A point as it is read: its coordinates, the number of its first line, and its marks by their images."""
 
     coordinates: tuple[float, float, float]
     line: int
     check: bool = False
-    marks: list[Mark] = field(default_factory=list)
+    marks: dict[str, Mark] = field(default_factory=dict)
 
 
 def read_gcp_list(text: str, file: Path, check: Sequence[str] = ()) -> ControlPoints:
@@ -47,9 +47,10 @@ def read_gcp_list(text: str, file: Path, check: Sequence[str] = ()) -> ControlPo
     if len(lines) < 2:
         raise GcpListError(f"{file} has no points.", hint=f"Its first line is the CRS. {_FORM}")
     points: dict[str, _Point] = {}
+    unnamed: dict[str, str] = {}
     for number, line in lines[1:]:
         try:
-            _add(points, number, line)
+            _add(points, unnamed, number, line)
         except GcpListError as error:
             raise GcpListError(f"{file}, line {number}: {error.message}", hint=error.hint) from error
     unmatched = [pattern for pattern in check if not any(fnmatchcase(name, pattern) for name in points)]
@@ -68,7 +69,7 @@ def read_gcp_list(text: str, file: Path, check: Sequence[str] = ()) -> ControlPo
                     y=point.coordinates[1],
                     z=None if math.isnan(point.coordinates[2]) else point.coordinates[2],
                     check=point.check or any(fnmatchcase(name, pattern) for pattern in check),
-                    marks=tuple(point.marks),
+                    marks=tuple(point.marks.values()),
                 )
                 for name, point in points.items()
             ),
@@ -77,34 +78,31 @@ def read_gcp_list(text: str, file: Path, check: Sequence[str] = ()) -> ControlPo
         raise GcpListError(f"{file} cannot be used: {error}.", hint=_FORM) from error
 
 
-def _add(points: dict[str, _Point], number: int, line: str) -> None:
+def _add(points: dict[str, _Point], unnamed: dict[str, str], number: int, line: str) -> None:
+    """Add the mark of a line to its point; ``unnamed``: place → name of the points that have none."""
     # Between tabs the names of images may have spaces.
     columns = [column.strip() for column in line.split("\t")] if line.count("\t") >= 5 else line.split()
     if len(columns) < 6:
         raise GcpListError(f"it has {len(columns)} columns, and needs six or more.", hint=_FORM)
     x, y, z, im_x, im_y = map(_number, _COLUMNS, columns)
     coordinates, (image, *rest) = (x, y, z), columns[5:]
-    name = rest[0] if rest and rest[0] else _unnamed(points, coordinates)
+    place = str(coordinates)  # NaN is not equal to itself
+    name = rest[0] if rest and rest[0] else unnamed.setdefault(place, f"point-{len(points) + 1}")
     point = points.setdefault(name, _Point(coordinates, number))
-    if str(point.coordinates) != str(coordinates):  # NaN is not equal to itself
+    if str(point.coordinates) != place:
         raise GcpListError(
             f"{name} has other coordinates than in line {point.line}.",
             hint="Give different points different names.",
         )
     point.check |= _CHECK in (extra.lower() for extra in rest[1:])
+    if image in point.marks:
+        raise GcpListError(f"{name} has a second mark in {image}.", hint="Leave one of the two out.")
     try:
-        point.marks.append(Mark(image=image, x_px=im_x, y_px=im_y))
+        point.marks[image] = Mark(image=image, x_px=im_x, y_px=im_y)
     except InvalidInput as error:
         raise GcpListError(
             f"its mark in {image} is at {im_x:g}, {im_y:g} px.", hint="Pixels count from the top left corner."
         ) from error
-    if [mark.image for mark in point.marks].count(image) > 1:
-        raise GcpListError(f"{name} has a second mark in {image}.", hint="Leave one of the two out.")
-
-
-def _unnamed(points: dict[str, _Point], coordinates: tuple[float, float, float]) -> str:
-    same = (name for name, point in points.items() if str(point.coordinates) == str(coordinates))
-    return next(same, f"point-{len(points) + 1}")
 
 
 def _number(column: str, text: str) -> float:
