@@ -29,9 +29,32 @@ class View(Generic[CameraT_co]):
         """The camera's centre [3] in the model frame."""
         return self.camera_from_model.inverse().translation
 
+    @property
+    def counted_share(self) -> float:
+        """The share of its image that counts; 1 without a mask."""
+        return 1.0
+
 
 AnyView: TypeAlias = View[Camera]
 """A view whose camera may have lens distortion."""
 
 PinholeView: TypeAlias = View[PinholeCamera]
 """A view that can be rendered."""
+
+
+@dataclass(frozen=True, eq=False)
+class MaskedView(View[CameraT_co]):
+    """A view of whose image a ``share`` counts; the image and its mask are not here."""
+
+    share: float
+
+    @property
+    def counted_share(self) -> float:
+        """See ``View``."""
+        return self.share
+
+
+def with_share(view: View[CameraT_co], share: float) -> View[CameraT_co]:
+    """The view alone, without an image, of which the ``share`` counts."""
+    bare = (view.name, view.camera, view.camera_from_model)
+    return View(*bare) if share == 1.0 else MaskedView(*bare, share)

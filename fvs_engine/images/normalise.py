@@ -20,6 +20,7 @@ from fvs_engine.images.masks import read_mask, write_mask
 from fvs_engine.images.pixels import decode
 from fvs_engine.monitor import Monitor
 from fvs_schema.masks import MASKS
+from fvs_schema.names import readable_name
 from fvs_schema.stages import Stage
 
 _SUFFIXES = {"JPEG": (".jpg", ".jpeg", ".jpe"), "MPO": (".jpg", ".jpeg", ".jpe"), "PNG": (".png",)}
@@ -34,9 +35,10 @@ def normalised_name(photograph: Photograph) -> str:
 
     Its own, unless its suffix does not fit the file's format; then the right one is appended:
     ``scan.tif`` becomes ``scan.tif.png`` and cannot collide with a ``scan.png``. White space and ``#``, which
-    COLMAP's text files cannot hold, are escaped as in a URL: ``IMG (1).jpg`` becomes ``IMG%20(1).jpg``.
+    COLMAP's text files cannot hold, are escaped as in a URL: ``IMG (1).jpg`` becomes ``IMG%20(1).jpg``. Bytes
+    that are not UTF-8 become what they are in its ``readable_name``.
     """
-    name = _UNSAFE.sub(lambda found: quote(found[0], safe=""), photograph.name)
+    name = readable_name(_UNSAFE.sub(lambda found: quote(found[0], safe=""), _own_name(photograph)))
     target = photograph.format if photograph.plain or photograph.format in ("JPEG", "MPO") else "PNG"
     suffixes = _SUFFIXES[target]
     if PurePosixPath(name).suffix.lower() in suffixes:
@@ -85,8 +87,7 @@ def _write_both(photograph: Photograph, normalised: tuple[str, Path], turn: bool
     mask = None
     if photograph.masked:
         source = _folder_of(photograph.path, photograph.name)
-        own_name = photograph.path.relative_to(source).as_posix()
-        mask = read_mask(source, own_name, photograph.mask, turn=turn)
+        mask = read_mask(source, _own_name(photograph), photograph.mask, turn=turn)
     if mask is None:
         file.unlink(missing_ok=True)
     else:
@@ -96,6 +97,11 @@ def _write_both(photograph: Photograph, normalised: tuple[str, Path], turn: bool
 def _folder_of(path: Path, name: str) -> Path:
     """The folder in which ``path`` has this name."""
     return path.parents[len(PurePosixPath(name).parts) - 1]
+
+
+def _own_name(photograph: Photograph) -> str:
+    """The path of a photograph below the folder of photographs, with the bytes that it has there."""
+    return photograph.path.relative_to(_folder_of(photograph.path, photograph.name)).as_posix()
 
 
 def _write(photograph: Photograph, path: Path, turn: bool) -> None:

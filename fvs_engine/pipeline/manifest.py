@@ -104,9 +104,13 @@ class CamerasRecord(Record):
 
 
 class TrainingRecord(Record):
-    """The state of training."""
+    """The state of training.
+
+    ``counted_shares``: name of a masked view trained on → the share of its image that counts.
+    """
 
     train_views: tuple[str, ...]
+    counted_shares: dict[str, float] = Field(default_factory=dict)
     test_views: tuple[str, ...]
     width_px: int
     height_px: int

@@ -18,7 +18,7 @@ from fvs_engine.scene.sparse_points import read_observations
 from fvs_engine.sfm.colmap.model import read_colmap
 from fvs_engine.sfm.reconstruction import Reconstruction
 from fvs_engine.splat.ply import read_ply
-from fvs_engine.views import PinholeView
+from fvs_engine.views import PinholeView, with_share
 
 
 @dataclass(frozen=True, eq=False, kw_only=True)
@@ -65,7 +65,11 @@ def open_model(root: Path) -> FolderModel:
         gaussians=gaussians,
         sh_degree=gaussians.sh_degree,
         iterations=training.iterations,
-        views=tuple(view for view in views if view.name in training.train_views),
+        views=tuple(
+            with_share(view, training.counted_shares.get(view.name, 1.0))
+            for view in views
+            if view.name in training.train_views
+        ),
         held_out=tuple(view for view in views if view.name in training.test_views),
         read_observations=lambda: _observations(workspace, cameras),
         workspace=workspace,

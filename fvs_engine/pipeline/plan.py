@@ -24,7 +24,7 @@ from fvs_engine.plan.distances import view_points
 from fvs_engine.plan.flight import MOST_PLACES
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.generate import MOST_CANDIDATES, Aim, candidates_in
-from fvs_engine.plan.kriging import variances
+from fvs_engine.plan.kriging import noise_of, variances
 from fvs_engine.plan.plan import considered
 from fvs_engine.plan.plan_records import Plan, VehicleTour
 from fvs_engine.plan.plan_warnings import few_registrable
@@ -173,7 +173,7 @@ def _seen(model: FolderModel, scale: float) -> list[Seen]:
         return []
     held_out, visited = (view_points(views, scale) for views in (model.held_out, model.views))
     names = [view.name for view in model.held_out]
-    known = dict(zip(names, variances(held_out, visited).tolist(), strict=True))
+    known = dict(zip(names, variances(held_out, visited, noise_of(model.views)).tolist(), strict=True))
     return [Seen(known[view.name], view.psnr_db) for view in metrics.views if view.name in known]
 
 

@@ -82,7 +82,7 @@ def train(workspace: Workspace, manifest: Manifest, *, monitor: Monitor) -> Metr
         manifest.settings.seed,
     )
     _warn_of_memory(settings, loaded, monitor)
-    state = _State(workspace, manifest, trainer, training, held_out)
+    state = _State(workspace, manifest, trainer, loaded, held_out)
     train_saving(trainer, settings.iterations, monitor, state.save)
     state.save()
     model = SceneModel.of(trainer)
@@ -103,7 +103,7 @@ class _State:
         workspace: Workspace,
         manifest: Manifest,
         trainer: Trainer,
-        training: tuple[PinholeView, ...],
+        training: Sequence[TrainingView],
         held_out: tuple[PinholeView, ...],
     ) -> None:
         self._workspace = workspace
@@ -132,6 +132,9 @@ class _State:
             model.export(self._workspace.point_cloud, origin)
         record = TrainingRecord(
             train_views=tuple(view.name for view in self._training),
+            counted_shares={
+                view.name: view.counted_share for view in self._training if view.counted_share < 1.0
+            },
             test_views=tuple(view.name for view in self._held_out),
             width_px=camera.width,
             height_px=camera.height,

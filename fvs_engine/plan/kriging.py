@@ -14,6 +14,7 @@ from scipy.linalg import solve_triangular
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.plan.distances import distances_between, even_sample
+from fvs_engine.views import AnyView
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.int64]
@@ -24,6 +25,7 @@ NOISE = 1.0
 """Variance of one observation: as large as the prior's, for one photograph alone tells little of a pose.
 
 PSNR follows the variance more closely than with 0.1 (docs/design/planning.md)."""
+_LEAST_SHARE = 1e-3
 _MOST_TARGETS = 1_000
 _MOST_PRODUCTS = 20_000_000
 """Maximum size of the matrix of targets × candidates: 160 MB."""
@@ -33,7 +35,8 @@ class TargetVariance:
     """The mean kriging variance over targets, and by how much views at candidates' poses would lower it.
 
     Poses a and b covary by exp(−d(a, b) / ``LENGTH``), and an observation has the variance ``NOISE``. Poses
-    are points [·, 6] of ``view_points``; ``weights`` [T] of targets default to equal ones, and are scaled to
+    are points [·, 6] of ``view_points``; ``noise`` [V] is that of the ``visited`` ones (``noise_of``; None:
+    ``NOISE``); ``weights`` [T] of targets default to equal ones, and are scaled to
     a sum of 1. Of very many targets an even share is used, so that memory is bounded.
 
     A plan is a sequence of indices of candidates. Adding any candidate to one costs products of the size of
@@ -41,7 +44,13 @@ class TargetVariance:
     """
 
     def __init__(
-        self, targets: Array, candidates: Array, visited: Array, weights: Array | None = None
+        self,
+        targets: Array,
+        candidates: Array,
+        visited: Array,
+        weights: Array | None = None,
+        *,
+        noise: Array | None = None,
     ) -> None:
         if not len(targets):
             raise InvalidInputError("There is no target to plan for.", hint="Give the poses to be served.")
@@ -57,7 +66,7 @@ class TargetVariance:
         roots = np.sqrt(shares / shares.sum())
         self._candidates = candidates
         self._visited = visited
-        factor = _factor(visited)
+        factor = _factor(visited, noise)
         # Rows of visited views, whitened: the covariance given them is the prior less their products.
         of_targets = _solve(factor, covariance(visited, targets))
         self._of_candidates = _solve(factor, covariance(visited, candidates))
@@ -118,14 +127,27 @@ def covariance(points: Array, others: Array) -> Array:
     return np.asarray(np.exp(-distances_between(points, others) / LENGTH))
 
 
-def variances(points: Array, visited: Array) -> Array:
-    """The kriging variance [P] of poses ``points`` given ``visited`` ones; 1 without any."""
-    return np.asarray(1.0 - (_solve(_factor(visited), covariance(visited, points)) ** 2).sum(axis=0))
+def noise_of(views: Sequence[AnyView]) -> Array:
+    """The variance of the observation at each of the visited ``views`` [V].
+
+    That of a mean over pixels: of a masked photograph it is ``NOISE`` over the share that counts.
+    """
+    shares = np.array([view.counted_share for view in views], dtype=np.float64)
+    return NOISE / np.maximum(shares, _LEAST_SHARE)
 
 
-def _factor(visited: Array) -> Array:
+def variances(points: Array, visited: Array, noise: Array | None = None) -> Array:
+    """The kriging variance [P] of poses ``points`` given ``visited`` ones; 1 without any.
+
+    ``noise`` [V] is that of the visited ones (None: ``NOISE``).
+    """
+    return np.asarray(1.0 - (_solve(_factor(visited, noise), covariance(visited, points)) ** 2).sum(axis=0))
+
+
+def _factor(visited: Array, noise: Array | None) -> Array:
     """The Cholesky factor of the covariances of observations."""
-    observed = covariance(visited, visited) + NOISE * np.eye(len(visited))
+    observed = covariance(visited, visited)
+    observed[np.diag_indices(len(visited))] += NOISE if noise is None else noise
     return np.asarray(np.linalg.cholesky(observed), dtype=np.float64)
 
 

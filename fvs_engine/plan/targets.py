@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.distances import spread, view_points
 from fvs_engine.plan.familiarity import Familiarity, Observations
-from fvs_engine.plan.kriging import TargetVariance, variances
+from fvs_engine.plan.kriging import NOISE, TargetVariance, noise_of, variances
 from fvs_engine.plan.planner import Mask
 from fvs_engine.views import AnyView, PinholeView
 
@@ -26,7 +26,8 @@ class Targets:
     scale of distances is that of visited and later views: few targets, or ones side by side, have none.
     ``observations`` are the sparse points where poses are estimated, so that a visited view must be
     registered to be of use (None: poses are known). ``taken`` views will be visited by others: they count
-    as visited, and are no targets. Raises ``Cancelled``.
+    as visited, and are no targets. A masked visited view counts by the share of its image that does. Raises
+    ``Cancelled``.
     """
 
     def __init__(
@@ -48,10 +49,11 @@ class Targets:
         # Of later ones a single one far away would make all others appear the same.
         self._spread_visited = spread(visited) or self.spread
         self._visited = view_points((*visited, *taken), self.spread)
+        self._noise = noise_of((*visited, *taken))
         self._later = view_points(later, self.spread)
         self.points = view_points(served, self.spread)
         """Points of the targets, [T, 6]."""
-        self.variance = TargetVariance(self.points, self._later, self._visited)
+        self.variance = TargetVariance(self.points, self._later, self._visited, noise=self._noise)
         seen = observations is not None and len(observations.points) > 0
         self.familiarity = (
             Familiarity(observations, later, monitor) if observations is not None and seen else None
@@ -98,8 +100,9 @@ class Targets:
 
     def own_variances(self) -> Array:
         """The kriging variance of every later view [n]."""
-        return variances(self._later, self._visited)
+        return variances(self._later, self._visited, self._noise)
 
     def variances_after(self, plan: Sequence[int]) -> Array:
         """The kriging variance of every target [T] once the views of ``plan`` were visited."""
-        return variances(self.points, np.concatenate([self._visited, self._later[list(plan)]]))
+        visited = np.concatenate([self._visited, self._later[list(plan)]])
+        return variances(self.points, visited, np.append(self._noise, np.full(len(plan), NOISE)))

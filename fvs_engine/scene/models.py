@@ -23,7 +23,7 @@ from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.session import train_saving
 from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
-from fvs_engine.views import AnyView, PinholeView, View
+from fvs_engine.views import AnyView, PinholeView, with_share
 from fvs_schema.stages import Stage
 
 STAGES: Mapping[ModelQuality, Stage] = {"quick": Stage.QUICK_TRAINING, "full": Stage.TRAINING}
@@ -101,7 +101,7 @@ class SceneModels:
     @property
     def _poses(self) -> tuple[PinholeView, ...]:
         """The views without their images."""
-        return tuple(View(view.name, view.camera, view.camera_from_model) for view in self._views)
+        return tuple(with_share(view, view.counted_share) for view in self._views)
 
     def initial_trainer(self, quality: ModelQuality, iterations: int, seed: int) -> Trainer:
         """The trainer of a new model, with Gaussians on the sparse points."""

@@ -18,7 +18,7 @@ from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.spherical_harmonics import SH_C0
 from fvs_engine.splat.torch_threads import torch_threads_for
-from fvs_engine.views import PinholeView
+from fvs_engine.views import PinholeView, View
 from fvs_schema.findings import Finding, FindingCode, Severity
 from fvs_schema.stages import Stage
 
@@ -73,7 +73,11 @@ def find_floaters(
     with torch_threads_for(rasterizer.device):
         for done, view in enumerate(views, start=1):
             monitor.check()
-            weights = blending_weights(gaussians, view, rasterizer, masks.get(view.name))
+            size = reduced_size(view.camera.width, view.camera.height, LONG_SIDE_PX)
+            small = View(view.name, view.camera.resized(*size), view.camera_from_model)
+            mask = masks.get(view.name)
+            mask = None if mask is None else reduced_mask(mask, size)
+            weights = blending_weights(gaussians, small, rasterizer, mask)
             total += weights
             largest = torch.maximum(largest, weights)
             monitor.report(Stage.CLEANING, done, len(views))
@@ -84,20 +88,19 @@ def find_floaters(
 def blending_weights(
     gaussians: Gaussians, view: PinholeView, rasterizer: Rasterizer, mask: Mask | None = None
 ) -> Tensor:
-    """Σ alpha · transmittance of every Gaussian over the pixels of a render of ``LONG_SIDE_PX`` [N].
+    """Σ alpha · transmittance of every Gaussian over the pixels of a view, in px [N].
 
-    A colour is linear in its constant harmonic, so the weight is a gradient: every rasteriser has it.
+    With a ``mask`` [H, W] over those where it is True. A colour is linear in its constant harmonic, so the
+    weight is a gradient: every rasteriser has it.
     """
-    camera = view.camera
-    size = reduced_size(camera.width, camera.height, LONG_SIDE_PX)
     grey = torch.zeros_like(gaussians.sh_dc).requires_grad_()
     parameters = {name: tensor.detach() for name, tensor in gaussians.tensors().items()}
     model = Gaussians(**parameters | {"sh_dc": grey, "sh_rest": grey.new_zeros(len(gaussians), 0, 3)})
     with torch.enable_grad():
-        color = rasterizer.render(model, camera.resized(*size), view.camera_from_model, sh_degree=0).color
+        color = rasterizer.render(model, view.camera, view.camera_from_model, sh_degree=0).color
         shown = color[..., 0]
         if mask is not None:
-            shown = shown * torch.from_numpy(reduced_mask(mask, size)).to(shown)
+            shown = shown * torch.from_numpy(mask).to(shown)
         (gradient,) = torch.autograd.grad(shown.sum(), grey)
     return gradient[:, 0] / SH_C0
 

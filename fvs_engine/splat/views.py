@@ -11,7 +11,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import PinholeCamera
 from fvs_engine.images.masks import Mask, reduced_mask
 from fvs_engine.images.pixels import reduced_rgb, reduced_size
-from fvs_engine.views import View
+from fvs_engine.views import PinholeView, View
 
 EXTENT_MARGIN = 1.1
 
@@ -54,6 +54,16 @@ class TrainingView(View[PinholeCamera]):
     def empty(self) -> bool:
         """Whether no pixel of the image counts."""
         return self.mask is not None and not self.mask.any()
+
+    @property
+    def counted_share(self) -> float:
+        """See ``View``."""
+        return 1.0 if self.mask is None else float(self.mask.mean())
+
+
+def counted_pixels(view: PinholeView) -> Mask | None:
+    """Which pixels [H, W] of a view's image count; None: all of them, or the view has no image."""
+    return view.mask if isinstance(view, TrainingView) else None
 
 
 def points_that_count(points: NDArray[np.float64], views: Sequence[TrainingView]) -> Mask:

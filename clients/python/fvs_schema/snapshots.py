@@ -108,12 +108,16 @@ class PinholeIntrinsics(Output):
 
 
 class SnapshotView(Output):
-    """A registered image and its camera's pose in the model frame (model_from_camera)."""
+    """A registered image and its camera's pose in the model frame (model_from_camera).
+
+    ``counted_share`` is the share of the image that its mask keeps; 1 without one.
+    """
 
     image: Digest
     name: str
     position: Triple
     orientation_wxyz: Quaternion
+    counted_share: Annotated[float, Field(ge=0, le=1)] = 1.0
 
 
 class SnapshotCameras(Output):

@@ -9,9 +9,10 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.score import MIN_COVERAGE, CandidateScore, check_min_coverage, judged
 from fvs_engine.score.selectors.interface import SelectionContext
+from fvs_engine.splat.floaters import blending_weights
 from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.raster import Rasterizer
-from fvs_engine.splat.spherical_harmonics import SH_C0, dc_from_color
+from fvs_engine.splat.spherical_harmonics import dc_from_color
+from fvs_engine.splat.views import counted_pixels
 from fvs_engine.views import PinholeView
 from fvs_schema.stages import Stage
 
@@ -25,10 +26,10 @@ class Coverage:
 
     A Gaussian's coverage from a candidate is (1 + max_c d_c·d) / 2, with the directions d to the candidate
     and d_c to the visited cameras c that saw it: 1 where one looked from the same direction, 0 where only the
-    opposite side or nothing was seen. A camera "saw" a Gaussian that was not occluded (``SEEN_PX``). The
-    coverages are rendered like a colour and averaged over the image. Where the model leaves a pixel empty,
-    nothing was ever observed: that share counts as covered by ``empty_coverage`` (0: not at all). Colours and
-    their errors have no influence.
+    opposite side or nothing was seen. A camera "saw" a Gaussian that was neither occluded nor masked
+    (``SEEN_PX``). The coverages are rendered like a colour and averaged over the image. Where the model
+    leaves a pixel empty, nothing was ever observed: that share counts as covered by ``empty_coverage`` (0:
+    not at all). Colours and their errors have no influence.
 
     Score: share of the image that was seen from a similar direction; 0 to 1. Source: Chen, Dai et al.,
     "Coverage Optimization for Camera View Selection" (COVER), CVPR 2026, which takes every Gaussian in a
@@ -53,7 +54,8 @@ class Coverage:
         seen_from = gaussians.means.new_zeros((len(context.visited), 4, len(gaussians)))
         for done, view in enumerate(context.visited):
             monitor.check()
-            seen = _weights_px(gaussians, view, rasterizer) >= SEEN_PX
+            weights = blending_weights(gaussians, view, rasterizer, counted_pixels(view))
+            seen = weights >= SEEN_PX
             seen_from[done, :3] = _directions(gaussians, view) * seen
             seen_from[done, 3] = -1.0 * ~seen  # to be added to d_c · d: −1 where this camera saw nothing
             monitor.report(Stage.COVERAGE, done + 1, total)
@@ -91,18 +93,6 @@ def _directions(gaussians: Gaussians, view: PinholeView) -> Tensor:
     means = gaussians.means.detach()
     here = torch.as_tensor(view.centre, dtype=means.dtype, device=means.device)
     return torch.nn.functional.normalize(here - means, dim=1).T.contiguous()
-
-
-def _weights_px(gaussians: Gaussians, view: PinholeView, rasterizer: Rasterizer) -> Tensor:
-    """The sum over pixels of every Gaussian's blending weight [N], on any rasteriser.
-
-    It is what the image's colours depend on its own colour by: one gradient.
-    """
-    dc = torch.zeros_like(gaussians.sh_dc).requires_grad_()
-    with torch.enable_grad():
-        rendering = rasterizer.render(_painted(gaussians, dc), view.camera, view.camera_from_model)
-        (gradient,) = torch.autograd.grad(rendering.color[..., 0].sum(), dc)
-    return gradient[:, 0] / SH_C0
 
 
 def _painted(gaussians: Gaussians, dc: Tensor) -> Gaussians:

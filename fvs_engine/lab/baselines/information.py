@@ -12,6 +12,7 @@ from torch import Tensor
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer, SquaringRasterizer
 from fvs_engine.splat.settings import sh_coefficient_count
+from fvs_engine.splat.views import counted_pixels
 from fvs_engine.views import PinholeView
 
 PROBES = 4
@@ -39,10 +40,11 @@ def view_information(
 ) -> ViewInformation:
     """The information of one view: exact where the rasteriser supports it, else estimated.
 
-    The exact way (``SquaringRasterizer``: the CPU) costs as much as one gradient and needs no ``seed``.
+    Masked pixels have none, and a masked view is estimated. The exact way (``SquaringRasterizer``: the CPU)
+    costs as much as one gradient and needs no ``seed``.
     Source: Jiang et al., "FisherRF", 2024, for the diagonal; ``estimated_information`` for the other way.
     """
-    if not isinstance(rasterizer, SquaringRasterizer):
+    if not isinstance(rasterizer, SquaringRasterizer) or counted_pixels(view) is not None:
         return estimated_information(
             gaussians, view, rasterizer, sh_degree=sh_degree, seed=seed, probes=probes
         )
@@ -70,11 +72,13 @@ def estimated_information(
     inputs = [getattr(leaves, name).requires_grad_() for name in _PARAMETERS]
     with torch.enable_grad():
         rendering = rasterizer.render(leaves, view.camera, view.camera_from_model, sh_degree=sh_degree)
-    color = rendering.color
+    color, mask = rendering.color, counted_pixels(view)
+    counts = None if mask is None else torch.from_numpy(mask)[..., None].to(color)
     generator = torch.Generator().manual_seed(seed)
     sums = [torch.zeros_like(tensor) for tensor in inputs]
     for done in range(1, probes + 1):
         signs = torch.randint(0, 2, color.shape, generator=generator).mul_(2).sub_(1).to(color)
+        signs = signs if counts is None else signs * counts
         gradients = torch.autograd.grad(
             color, inputs, signs, retain_graph=done < probes, allow_unused=True, materialize_grads=True
         )

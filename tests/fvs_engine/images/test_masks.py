@@ -141,7 +141,7 @@ def test_a_mask_belongs_to_a_name_that_is_no_text_too(tmp_path: Path) -> None:
     catalog = catalog_images(tmp_path)
     assert not catalog.rejected
     (path,) = normalise_images(catalog.photographs, tmp_path / "out" / "images")
-    assert path == "caf%25E9.jpg"
+    assert path == "caf%E9.jpg"
     np.testing.assert_array_equal(read_mask(tmp_path / "out" / "images", path), LEFT)
     _mask(tmp_path / "masks" / f"{name}.png", LEFT[:9])
     (rejected,) = catalog_images(tmp_path).rejected

@@ -1,3 +1,4 @@
+import os
 from pathlib import Path
 
 import numpy as np
@@ -76,6 +77,17 @@ def test_names_that_colmap_could_not_write_in_a_list_are_escaped(tmp_path: Path)
     assert list(paths) == ["%231.png", "a%20b.png", "a%2520b.png", "day%201/DJI%20(2).png"]
     for seed, path in enumerate(paths.values()):
         np.testing.assert_array_equal(load_rgb(path), _pixels(seed))
+
+
+def test_bytes_that_are_not_utf_8_are_escaped_once(tmp_path: Path) -> None:
+    names = [b"caf\xe9 1.png", b"caf%E8.png", b"\xcd\xbc.png", b"DCIM\xe9/a.png"]
+    for seed, name in enumerate(names):
+        file = tmp_path / os.fsdecode(name)
+        file.parent.mkdir(exist_ok=True)
+        Image.new("RGB", (40, 40), (seed, 0, 0)).save(file)
+    paths = normalise_images(catalog_images(tmp_path).photographs, tmp_path / "out")
+    assert set(paths) == {"caf%E9%201.png", "caf%25E8.png", "\u037c.png", "DCIM%E9/a.png"}
+    assert all(path.is_file() for path in paths.values())
 
 
 def test_an_interrupted_call_can_be_repeated(tmp_path: Path) -> None:

@@ -12,7 +12,7 @@ from PIL import Image
 from fvs_engine.geometry.geodetic import GeodeticPosition
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.manifest import Manifest, ReconstructionSettings
-from fvs_engine.pipeline.model import model_views, read_undistorted
+from fvs_engine.pipeline.model import model_views, open_model, read_undistorted
 from fvs_engine.pipeline.train import train, training_settings
 from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.scene.final_model import FinalModel
@@ -68,6 +68,21 @@ def test_a_fine_model_has_no_floaters_and_its_checkpoint_keeps_them(
     assert after.training is not None
     assert metrics.gaussians == after.training.gaussians == len(read_ply(workspace.point_cloud)) == left
     assert len(read_gaussians(workspace.checkpoint)[0]) == 201
+
+
+def test_a_model_knows_what_share_of_its_masked_views_counts(workspace: Workspace) -> None:
+    before = workspace.read_manifest()
+    assert before is not None
+    (workspace.undistorted / "masks").mkdir()
+    name = sorted(file.name for file in workspace.undistorted_images.iterdir())[0]
+    mask = np.tile(np.arange(400) < 100, (300, 1))
+    Image.fromarray(mask).save(workspace.undistorted / "masks" / f"{name}.png")
+    settings = ReconstructionSettings(quality="coarse", iterations=1, long_side_px=SIDE_PX, test_every=0)
+    train(workspace, before.model_copy(update={"settings": settings, "training": None}), monitor=Monitor())
+    shares = {view.name: view.counted_share for view in open_model(workspace.root).views}
+    assert shares.pop(name) == pytest.approx(0.25)
+    assert shares
+    assert set(shares.values()) == {1.0}
 
 
 def test_a_final_model_of_the_service_has_no_floaters(workspace: Workspace, tmp_path: Path) -> None:

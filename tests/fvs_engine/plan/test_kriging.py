@@ -1,11 +1,16 @@
 """The kriging variance against the formulas of Gaussian processes, written out."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.plan import kriging
-from fvs_engine.plan.kriging import NOISE, TargetVariance, covariance, variances
+from fvs_engine.plan.kriging import NOISE, TargetVariance, covariance, noise_of, variances
+from fvs_engine.splat.views import TrainingView
+from fvs_engine.views import View, with_share
 
 
 def points(count: int, seed: int = 0) -> np.ndarray:
@@ -24,6 +29,29 @@ def test_variances_are_those_of_a_gaussian_process():
     targets, visited = points(7), points(4, seed=1)
     np.testing.assert_allclose(variances(targets, visited), by_hand(targets, visited), atol=1e-12)
     np.testing.assert_allclose(variances(targets, np.zeros((0, 6))), 1.0)
+
+
+def test_a_masked_view_is_an_observation_of_as_many_pixels_as_count():
+    targets, visited = points(7), points(3, seed=1)
+    camera = PinholeCamera(8, 4, 8.0, 8.0, 4.0, 2.0)
+    whole = View("whole", camera, RigidTransform.identity())
+    image, mask = np.zeros((4, 8, 3), np.uint8), np.arange(32).reshape(4, 8) < 8
+    quarter = TrainingView("quarter", camera, whole.camera_from_model, image, mask)
+    nothing = replace(quarter, mask=mask & False)
+    noise = noise_of([whole, quarter, nothing])
+    assert noise[:2].tolist() == [NOISE, 4 * NOISE]
+    assert noise_of([with_share(quarter, quarter.counted_share)]) == [4 * NOISE]
+
+    # Four photographs of a place are one whole one of which each shows a quarter.
+    once, four = visited[:1], np.repeat(visited[:1], 4, axis=0)
+    np.testing.assert_allclose(
+        variances(targets, four, np.full(4, 4 * NOISE)), variances(targets, once), atol=1e-12
+    )
+    without = variances(targets, visited[:2], noise[:2])
+    np.testing.assert_allclose(variances(targets, visited, noise), without, atol=1e-2)
+    variance = TargetVariance(targets, points(5, seed=2), visited[:2], noise=noise[:2])
+    assert variance.variance == pytest.approx(without.mean())
+    assert variance.variance > TargetVariance(targets, points(5, seed=2), visited[:2]).variance
 
 
 @pytest.mark.parametrize("visited_count", [0, 1, 5])

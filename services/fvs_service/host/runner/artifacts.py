@@ -57,6 +57,7 @@ def write_artifacts(
 def _cameras(views: Sequence[TrainingView], images: Mapping[str, Image], points: Array) -> SnapshotCameras:
     lower, upper = np.percentile(points, _BOX_PERCENTILES, axis=0)
     model_from_camera = {view.name: view.camera_from_model.inverse() for view in views}
+    shares = {view.name: view.counted_share for view in views}
     return SnapshotCameras(
         camera=intrinsics_of(usual_camera(views)),
         views=tuple(
@@ -65,6 +66,7 @@ def _cameras(views: Sequence[TrainingView], images: Mapping[str, Image], points:
                 name=images[name].name,
                 position=tuple(camera.translation.tolist()),
                 orientation_wxyz=tuple(quaternion_from_matrix(camera.rotation).tolist()),
+                counted_share=shares[name],
             )
             for name, camera in model_from_camera.items()
         ),

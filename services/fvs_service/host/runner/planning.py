@@ -9,7 +9,7 @@ from fvs_engine.plan.clearance import FreeSpace
 from fvs_engine.plan.distances import view_points
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.generate import Aim, candidates_in
-from fvs_engine.plan.kriging import variances
+from fvs_engine.plan.kriging import noise_of, variances
 from fvs_engine.plan.plan_records import Plan
 from fvs_engine.plan.tours import Budget
 from fvs_engine.scene.scene_model import SceneModel
@@ -64,7 +64,7 @@ def _seen(updates: Sequence[UpdateQuality], by_image: dict[str, PinholeView], sp
     for update in updates:
         new = [by_image[image] for image in update.images if image in by_image]
         if update.psnr_db is not None and new and known:
-            at = variances(view_points(new, spread), view_points(known, spread))
+            at = variances(view_points(new, spread), view_points(known, spread), noise_of(known))
             found.append(Seen(float(at.mean()), update.psnr_db))
         known += new
     return found

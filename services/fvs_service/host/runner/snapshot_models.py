@@ -12,7 +12,7 @@ from fvs_engine.scene.sparse_points import read_observations
 from fvs_engine.snapshot_cameras import model_from_cameras, usual_camera
 from fvs_engine.splat.ply import read_ply
 from fvs_engine.splat.raster import Rasterizer
-from fvs_engine.views import PinholeView
+from fvs_engine.views import PinholeView, with_share
 from fvs_schema.artifacts import CAMERAS, COLMAP, GAUSSIANS, METRICS
 from fvs_schema.snapshots import SnapshotCameras, SnapshotMetrics
 from fvs_service.snapshots.artifacts import find_artifact
@@ -73,6 +73,6 @@ def views_of(cameras: SnapshotCameras) -> tuple[PinholeView, ...]:
     """The registered views of a snapshot, named by the digests of their images."""
     camera, poses = usual_camera(cameras), model_from_cameras(cameras)
     return tuple(
-        PinholeView(view.image, camera, pose.inverse())
+        with_share(PinholeView(view.image, camera, pose.inverse()), view.counted_share)
         for view, pose in zip(cameras.views, poses, strict=True)
     )

@@ -3,9 +3,11 @@ import pytest
 import torch
 
 from fvs_engine.errors import InvalidInputError
-from fvs_engine.lab.baselines.coverage import SEEN_PX, Coverage, _weights_px, directional_coverage
+from fvs_engine.lab.baselines.coverage import SEEN_PX, Coverage, directional_coverage
+from fvs_engine.splat.floaters import blending_weights
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import create_rasterizer
+from fvs_engine.splat.views import TrainingView
 
 
 @pytest.fixture(params=["cpu", pytest.param("cuda", marks=pytest.mark.cuda)])
@@ -49,12 +51,26 @@ def test_what_stands_behind_something_was_not_seen(view_at, rasterizer):
     gaussians = one_gaussian((0.0, 0.0, 0.0), (0.3, 0.0, 0.0), (0.6, 0.0, 0.0), (-3.0, 0.0, 0.0))
     gaussians.log_scales[:3] += 0.7  # three in front hide the last
     front = view_at("front", (4, 0, 0))
-    hidden = _weights_px(gaussians.to(rasterizer.device), front, rasterizer)
+    hidden = blending_weights(gaussians.to(rasterizer.device), front, rasterizer)
     assert (hidden >= SEEN_PX).tolist()[1:] == [True, True, False]
     alone = Gaussians(**{name: tensor[3:] for name, tensor in gaussians.tensors().items()})
-    (free,) = _weights_px(alone.to(rasterizer.device), front, rasterizer)
+    (free,) = blending_weights(alone.to(rasterizer.device), front, rasterizer)
     alpha = rasterizer.render(alone.to(rasterizer.device), front.camera, front.camera_from_model).alpha
     assert float(free) == pytest.approx(float(alpha.sum()), rel=1e-4)
+
+
+def test_what_is_masked_was_not_seen(view_at, context, rasterizer):
+    gaussians = one_gaussian((0.0, -0.7, 0.0), (0.0, 0.7, 0.0)).to(rasterizer.device)
+    gaussians.log_scales -= 1.0
+    view, again = view_at("front", (4, 0, 0)), view_at("again", (4, 0, 0))
+    camera = view.camera
+    image = np.zeros((camera.height, camera.width, 3), np.uint8)
+    for masked in (False, True):
+        mask = np.tile(np.arange(camera.width) < camera.width // 2, (camera.height, 1)) if masked else None
+        visited = TrainingView("front", camera, view.camera_from_model, image, mask)
+        here = context([visited], [again], gaussians=gaussians, rasterizer=rasterizer)
+        (score,) = Coverage(min_coverage=0.0).score(here)
+        assert score.score == pytest.approx(score.coverage * (0.5 if masked else 1.0), rel=0.02)
 
 
 def test_the_unseen_side_comes_first_and_colours_do_not_matter(ball, ring, context, rasterizer):

@@ -9,6 +9,7 @@ from fvs_engine.lab.baselines.information import estimated_information, view_inf
 from fvs_engine.score.selectors.interface import select
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import SquaringRasterizer, create_rasterizer
+from fvs_engine.splat.views import TrainingView
 from fvs_engine.views import PinholeView
 
 
@@ -39,13 +40,15 @@ def ring(ring):
     return make
 
 
-def exact_information(gaussians, view, rasterizer) -> torch.Tensor:
+def exact_information(gaussians, view, rasterizer, mask=None) -> torch.Tensor:
     """The definition: one backward pass for every pixel and channel, all of them at once."""
     leaves = Gaussians(**{name: t.detach().double() for name, t in gaussians.tensors().items()})
     inputs = [leaves.means, leaves.log_scales, leaves.opacity_logits, leaves.sh_dc]
     for tensor in inputs:
         tensor.requires_grad_()
     color = rasterizer.render(leaves, view.camera, view.camera_from_model).color
+    if mask is not None:
+        color = color * torch.from_numpy(mask)[..., None]
     rows = torch.autograd.grad(
         color, inputs, torch.eye(color.numel()).double().reshape(-1, *color.shape), is_grads_batched=True
     )
@@ -62,6 +65,19 @@ def test_the_exact_way_is_the_definition(few, ring, reference):
         np.testing.assert_allclose(found.diagonal, expected, rtol=1e-3, atol=1e-5 * float(expected.max()))
         rendering = cpu.render(few, view.camera, view.camera_from_model)
         assert found.coverage == pytest.approx(float(rendering.alpha.mean()))
+
+
+def test_masked_pixels_have_no_information(few, ring, reference):
+    (view,) = ring(10)
+    mask = np.zeros((6, 8), dtype=bool)
+    mask[2:5, 3:6] = True
+    masked = TrainingView("m", view.camera, view.camera_from_model, np.zeros((6, 8, 3), np.uint8), mask)
+    cpu = create_rasterizer("cpu")
+    found = view_information(few, masked, cpu, probes=400).diagonal.sum(dim=0)
+    expected = exact_information(few, view, reference, mask).sum(dim=0)
+    whole = view_information(few, view, cpu).diagonal.sum(dim=0)
+    np.testing.assert_allclose(found, expected, rtol=0.1)
+    assert (found < 0.9 * whole).all()
 
 
 def test_harmonics_count_by_their_basis(few, ring):
