@@ -6,9 +6,10 @@ from dataclasses import dataclass
 import numpy as np
 
 from fvs_engine.control.alignment import MIN_POINTS, ControlAlignment, SurveyedPoint, align_control_points
-from fvs_engine.control.survey import Survey
+from fvs_engine.control.survey import Survey, position_of
 from fvs_engine.control.triangulation import MeasuredPoint, Sight, measure
 from fvs_engine.errors import InvalidInputError
+from fvs_engine.geometry.geodetic import GeodeticPosition
 from fvs_engine.geometry.rotations import quaternion_from_matrix
 from fvs_engine.images.names import listed
 from fvs_schema.control_points import (
@@ -39,15 +40,20 @@ class ControlResult:
 
 
 def align_by_control(
-    control: ControlPoints, sights: Mapping[str, Sequence[Sight]], origin: Origin | None = None
+    control: ControlPoints,
+    sights: Mapping[str, Sequence[Sight]],
+    origin: Origin | None = None,
+    near: GeodeticPosition | None = None,
 ) -> ControlResult:
     """Align a model with surveyed points, of which ``sights`` has the marks in its images, by point.
 
-    ``origin``: of the world frame, by default the middle of the points. Raises ``InvalidInputError`` when the
-    points determine no alignment, or contradict the model or one another.
+    ``origin``: of the world frame, by default the middle of the points. ``near``: where the scene is by other
+    positions; by default at the origin. Raises ``InvalidInputError`` when the points determine no alignment,
+    are far away, or contradict the model or one another.
     """
     survey = Survey.of(control)
     origin = origin or survey.origin
+    survey.require_near(near or position_of(origin))
     surveyed = survey.in_world(origin)
     measured = {point.name: measure(sights.get(point.name, ())) for point in control.points}
     known = [

@@ -6,12 +6,16 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
+from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.crs import NamedCrs
 from fvs_engine.geometry.geodetic import GeodeticPosition, enu_from_geodetic, middle_position
 from fvs_schema.control_points import ControlPoints
 from fvs_schema.scenes import AltitudeDatum, Origin
 
 Array = NDArray[np.float64]
+
+_FARTHEST_M = 50_000.0
+"""Distance of control points from a scene's other positions that no scene has, but a wrong UTM zone."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -37,9 +41,23 @@ class Survey:
         )
 
     @property
+    def _middle(self) -> GeodeticPosition:
+        return middle_position(list(self.positions.values()))
+
+    def require_near(self, place: GeodeticPosition) -> None:
+        """Raise ``InvalidInputError`` when other positions have the scene at a ``place`` far away."""
+        away_m = float(np.linalg.norm(enu_from_geodetic(self._middle, place)))
+        if away_m > _FARTHEST_M:
+            raise InvalidInputError(
+                f"The control points are {away_m / 1000:,.0f} km from where GPS or the origin has the scene.",
+                hint="Check the CRS and its zone. If GPS is wrong, reconstruct with --no-gps, or create a "
+                "scene with an origin near the points.",
+            )
+
+    @property
     def origin(self) -> Origin:
         """The middle of the points."""
-        middle = middle_position(list(self.positions.values()))
+        middle = self._middle
         return Origin(
             latitude_deg=middle.latitude_deg,
             longitude_deg=middle.longitude_deg,
@@ -49,8 +67,13 @@ class Survey:
 
     def in_world(self, origin: Origin) -> Mapping[str, Array]:
         """East, north and up [3] of the points from an ``origin`` of the same datum; up may be NaN."""
-        place = GeodeticPosition(origin.latitude_deg, origin.longitude_deg, origin.altitude_m)
+        place = position_of(origin)
         found = {name: enu_from_geodetic(position, place) for name, position in self.positions.items()}
         for name in found.keys() - self.heights:
             found[name][2] = np.nan
         return found
+
+
+def position_of(origin: Origin) -> GeodeticPosition:
+    """The position of an origin, above its datum."""
+    return GeodeticPosition(origin.latitude_deg, origin.longitude_deg, origin.altitude_m)

@@ -14,6 +14,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.files.json_input import read_text
 from fvs_engine.files.record import read_record, write_record
 from fvs_engine.files.storage import storage_errors
+from fvs_engine.geometry.geodetic import GeodeticPosition, middle_position
 from fvs_engine.images.names import match_names
 from fvs_engine.images.pixels import orientation_of
 from fvs_engine.monitor import Monitor
@@ -66,7 +67,7 @@ def align_folder(
     if heights is not None:
         points = points.model_copy(update={"altitude_datum": heights})
     sights = _Marked(workspace, manifest, points, monitor).sights()
-    result = align_by_control(points, sights)
+    result = align_by_control(points, sights, near=_middle_of_gps(workspace, manifest))
     for finding in result.findings:
         monitor.warn(finding)
     record = ControlRecord(
@@ -74,6 +75,19 @@ def align_folder(
     )
     write_record(workspace.control, record)
     return record
+
+
+def _middle_of_gps(workspace: Workspace, manifest: Manifest) -> GeodeticPosition | None:
+    """The middle of the photographs' positions at sea level; None where they have none, or do not count."""
+    if not manifest.settings.gps:
+        return None
+    names = (record.normalised_name for record in manifest.images.photographs)
+    found = [
+        GeodeticPosition(priors.latitude_deg, priors.longitude_deg, 0.0)
+        for priors in map(workspace.read_priors, names)
+        if priors.latitude_deg is not None and priors.longitude_deg is not None
+    ]
+    return middle_position(found) if found else None
 
 
 def read_control(workspace: Workspace) -> ControlRecord | None:

@@ -6,12 +6,11 @@ import numpy as np
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.export.placement import Placement
-from fvs_engine.files.storage import storage_errors
 from fvs_engine.geometry.alignment.attitudes import Attitude
 from fvs_engine.geometry.alignment.positions import GPS_ACCURACY_M
 from fvs_engine.geometry.alignment.world import georeference
 from fvs_engine.geometry.geodetic import GeodeticPosition, enu_from_geodetic, middle_position
-from fvs_engine.images.metadata import PhotographPriors, read_priors
+from fvs_engine.images.metadata import PhotographPriors
 from fvs_engine.pipeline.control import read_control
 from fvs_engine.pipeline.model import FolderModel
 from fvs_schema.scenes import Alignment, AlignmentStatus, AltitudeDatum, Origin
@@ -45,7 +44,7 @@ def place(model: FolderModel) -> Placement:
             Attitude(priors.yaw_deg, priors.pitch_deg, priors.roll_deg),
         )
         for view in model.registered
-        if (position := _position(priors := _priors(model, view.name))) is not None
+        if (position := _position(priors := model.workspace.read_priors(view.name))) is not None
     ]
     found = None
     if known:
@@ -82,12 +81,6 @@ def require_place(origin: Origin | None, alignment: Alignment, root: Path) -> Pl
             path=root,
         )
     return Placement(origin, alignment)
-
-
-def _priors(model: FolderModel, name: str) -> PhotographPriors:
-    file = model.workspace.images / name
-    with storage_errors(file), file.open("rb") as content:
-        return read_priors(content)
 
 
 def _position(priors: PhotographPriors) -> GeodeticPosition | None:

@@ -29,6 +29,7 @@ from fvs_engine.files.lock import locked_folder
 from fvs_engine.files.owned_folder import OwnedFolder
 from fvs_engine.files.record import read_record, write_record
 from fvs_engine.files.storage import storage_errors
+from fvs_engine.images.metadata import PhotographPriors, read_priors
 from fvs_engine.pipeline.manifest import Manifest, Metrics
 
 _OWN_ENTRIES = frozenset(
@@ -73,6 +74,12 @@ class Workspace:
     def images(self) -> Path:
         """Normalised photographs."""
         return self.root / "images"
+
+    def read_priors(self, name: str) -> PhotographPriors:
+        """The pose priors in the photograph of a normalised name; raises ``StorageError``."""
+        file = self.images / name
+        with storage_errors(file), file.open("rb") as content:
+            return read_priors(content)
 
     @property
     def sfm(self) -> Path:

@@ -131,6 +131,17 @@ def test_the_model_lies_where_the_points_were_surveyed(home: GeodeticPosition) -
     assert result.findings == ()
 
 
+def test_points_far_from_the_scene_are_refused() -> None:
+    """As those of another UTM zone are."""
+    site = Site()
+    near = Origin(latitude_deg=HOME.latitude_deg, longitude_deg=HOME.longitude_deg + 0.2, altitude_m=0.0)
+    assert site.align(near).findings == ()
+    far = near.model_copy(update={"longitude_deg": HOME.longitude_deg + 6.0})
+    with pytest.raises(InvalidInputError, match=r"4\d\d km") as raised:
+        site.align(far)
+    assert "zone" in str(raised.value.hint)
+
+
 def test_the_origin_is_in_the_middle_with_the_datum_of_the_heights() -> None:
     site = Site()
     result = site.align()
