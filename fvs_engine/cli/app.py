@@ -26,6 +26,7 @@ from fvs_engine.cli.options import (
     JsonOption,
     OutOption,
     RunOptions,
+    TerrainOption,
 )
 from fvs_engine.cli.plan import plan
 from fvs_engine.cli.select import select
@@ -235,6 +236,7 @@ def rank(
             "--all", help="Rank also candidates in matter, too close to it, or unlikely to be registered."
         ),
     ] = False,
+    terrain: TerrainOption = None,
     out: Annotated[
         Path | None,
         typer.Option(metavar="DIR2", help="Where the results go.", show_default="DIR/ranking"),
@@ -262,6 +264,7 @@ def rank(
             method=method,
             safety=safety,
             rank_all=rank_all,
+            terrain=terrain,
             backend=run.backend,
             monitor=monitor,
         )

@@ -8,6 +8,7 @@ from typing import Annotated, Any
 import typer
 
 from fvs_engine.choices import MAX_VEHICLES, Backend, Poses
+from fvs_schema.words import POINTS
 
 OutOption = Annotated[Path, typer.Option(metavar="DIR", help="Where the results go.")]
 MAX_SEED = 2**31 - 1
@@ -18,6 +19,26 @@ YEAR_S = 31_536_000
 JsonOption = Annotated[
     bool,
     typer.Option("--json", help="Print the result as JSON; progress and errors as JSON on stderr."),
+]
+
+
+def _terrain(given: str | None) -> str | None:
+    if given not in (None, POINTS) and not Path(given).is_file():
+        raise typer.BadParameter(f"There is no file {given}; `{POINTS}` means the model's sparse points.")
+    return given
+
+
+TerrainOption = Annotated[
+    str | None,
+    typer.Option(
+        "--terrain",
+        metavar=f"FILE|{POINTS}",
+        help="Leave out candidates under the ground: by a height model, such as a GeoTIFF in any CRS (needs "
+        "the extra `terrain`), whose heights have the datum of the photographs' altitudes, or by the sparse "
+        f"points ({POINTS}).",
+        callback=_terrain,
+        show_default=False,
+    ),
 ]
 
 

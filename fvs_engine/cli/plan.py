@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from fvs_engine.choices import MAX_VEHICLES
-from fvs_engine.cli.options import JsonOption
+from fvs_engine.cli.options import JsonOption, TerrainOption
 
 if TYPE_CHECKING:
     from fvs_engine.monitor import Monitor
@@ -126,6 +126,7 @@ def plan(
             metavar="FILE", help="JSON: a volume to stay out of; may be repeated.", show_default=False
         ),
     ] = None,
+    terrain: TerrainOption = None,
     out: Annotated[
         Path | None, typer.Option(metavar="DIR2", help="Where the results go.", show_default="DIR/plan")
     ] = None,
@@ -168,6 +169,7 @@ def plan(
             flight=Flight(safety or 0.0, tuple(no_fly or ()), volume, count or _COUNT, aimed)
             if free
             else None,
+            terrain=terrain,
             out=out,
             monitor=monitor,
         )

@@ -16,6 +16,7 @@ from fvs_engine.files.storage import storage_errors
 from fvs_engine.geometry import SimilarityTransform, quaternion_from_matrix
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import candidates_of
+from fvs_engine.pipeline.ground import above_ground, ground_check
 from fvs_engine.pipeline.manifest import Position
 from fvs_engine.pipeline.model import FolderModel, open_model
 from fvs_engine.pipeline.plan_picture import draw_plan
@@ -27,7 +28,7 @@ from fvs_engine.plan.generate import MOST_CANDIDATES, Aim, candidates_in
 from fvs_engine.plan.kriging import noise_of, variances
 from fvs_engine.plan.plan import considered
 from fvs_engine.plan.plan_records import Plan, VehicleTour
-from fvs_engine.plan.plan_warnings import few_registrable
+from fvs_engine.plan.plan_warnings import few_registrable, ground_findings
 from fvs_engine.plan.tours import Budget
 from fvs_engine.plan.volumes import AnyVolume, volume_from_json
 from fvs_engine.records import Record
@@ -77,6 +78,7 @@ def plan_next_views(
     starts: Sequence[Position] = (),
     vehicles: int = 1,
     flight: Flight | None = None,
+    terrain: str | None = None,
     out: Path | None = None,
     monitor: Monitor | None = None,
 ) -> tuple[PlanResult, Path]:
@@ -89,16 +91,19 @@ def plan_next_views(
     Of very many candidates an even share is considered (``considered``), with a warning.
 
     With a ``flight`` candidates may come from a volume, and vehicles keep clear of matter and no-fly zones.
+    Candidates under the ground of a ``terrain``, see ``ground_check``, are not planned; a warning names them.
 
     Returns the plan and the folder written: ``out``, or ``plan/`` in ``root``. Raises what ``open_model``,
-    ``read_candidates`` and ``make_plan`` raise, and ``StorageError``.
+    ``read_candidates``, ``ground_check`` and ``make_plan`` raise, and ``StorageError``.
     """
     monitor = monitor or Monitor()
     model = open_model(root)
     space = None
     if flight is not None:
         space = model.space(flight.safety, tuple(_volume(model, file) for file in flight.no_fly), monitor)
-    candidates = _candidates(model, candidates_file, flight, space, monitor)
+    found = _candidates(model, candidates_file, flight, space, monitor)
+    ground = ground_check(model, found, terrain)
+    candidates = above_ground(found, ground)
     targets: tuple[PinholeView, ...] = ()
     if targets_file:
         targets = candidates_of(model, targets_file, most=MOST_CANDIDATES)
@@ -118,6 +123,7 @@ def plan_next_views(
         space=space,
         monitor=monitor,
     )
+    plan = plan.model_copy(update={"warnings": (*ground_findings(ground, len(found)), *plan.warnings)})
     for finding in (*few_registrable(plan.registrable, len(candidates)), *plan.warnings):
         monitor.warn(finding)
     by_name = {view.name: view for view in candidates}

@@ -14,13 +14,15 @@ from fvs_engine.geometry import quaternion_from_matrix
 from fvs_engine.monitor import Monitor
 from fvs_engine.pipeline.candidates import candidates_of
 from fvs_engine.pipeline.contact_sheet import SheetEntry, contact_sheet
+from fvs_engine.pipeline.ground import above_ground, ground_check
 from fvs_engine.pipeline.model import FolderModel, open_model
-from fvs_engine.plan.plan_warnings import few_registrable, none_feasible
+from fvs_engine.plan.plan_warnings import few_registrable, none_feasible, unknown_ground
 from fvs_engine.records import Record
 from fvs_engine.score import MedianFrequency, MedianFrequencyEstimate, MedianFrequencyFast, Scorer
 from fvs_engine.score.selectors.renders import ScorerSelector
 from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.views import PinholeView
+from fvs_schema.candidates import CandidateStatus
 from fvs_schema.stages import Stage
 
 SHEET_CANDIDATES = 12
@@ -59,6 +61,7 @@ def rank_candidates(
     method: RankingMethod = "median-frequency",
     safety: float = 0.0,
     rank_all: bool = False,
+    terrain: str | None = None,
     backend: str = "auto",
     monitor: Monitor | None = None,
 ) -> tuple[RankingResult, Path]:
@@ -66,30 +69,38 @@ def rank_candidates(
 
     Without a file the held-out views and poses halfway between neighbouring training views are ranked.
     Those in matter, too close to it or unlikely to be registered get no rank unless ``rank_all``, see
-    ``FeasibilityCheck``. ``safety`` is the least distance from matter, in units of the model.
+    ``FeasibilityCheck``. ``safety`` is the least distance from matter, in units of the model. Candidates
+    under the ground of a ``terrain``, see ``ground_check``, get no rank in any case.
     The contact sheet shows the first ``top``, at most ``MOST_ON_SHEET``. By the method
     ``median-frequency-fast`` the scores of the first ``top`` are exact.
     Returns the ranking and the folder written: ``out``, or ``ranking/`` in ``root``.
-    Raises ``InvalidInputError`` for a file that cannot be used or a folder without a model, ``StorageError``
-    when ``out`` cannot be written, ``Cancelled``.
+    Raises ``InvalidInputError`` for a file that cannot be used or a folder without a model, what
+    ``ground_check`` raises, ``StorageError`` when ``out`` cannot be written, ``Cancelled``.
     """
     monitor = monitor or Monitor()
     model = open_model(root)
     candidates = candidates_of(model, candidates_file)
+    ground = ground_check(model, candidates, terrain)
+    above = above_ground(candidates, ground)
     rasterizer = create_rasterizer(backend, monitor)
     model = replace(model, gaussians=model.gaussians.to(rasterizer.device))
     selector = ScorerSelector(_scorer(method, top))
     ranked = model.rank(
-        candidates,
+        above,
         selector,
         rasterizer,
         space=model.space(safety, monitor=monitor),
         rank_all=rank_all,
         monitor=monitor,
     )
+    in_order = (
+        *ranked.candidates,
+        *(RankedCandidate(None, name, None, CandidateStatus.UNDER_GROUND, None) for name in ground.under),
+    )
     for finding in (
-        *few_registrable(ranked.registrable, len(candidates)),
-        *none_feasible(item.status for item in ranked.candidates),
+        *few_registrable(ranked.registrable, len(above)),
+        *none_feasible(item.status for item in in_order),
+        *unknown_ground(ground, len(candidates)),
     ):
         monitor.warn(finding)
     by_name = {candidate.name: candidate for candidate in candidates}
@@ -99,7 +110,7 @@ def rank_candidates(
         gaussians=len(model.gaussians),
         width_px=candidates[0].camera.width,
         height_px=candidates[0].camera.height,
-        candidates=tuple(_ranked_pose(item, by_name[item.name], model) for item in ranked.candidates),
+        candidates=tuple(_ranked_pose(item, by_name[item.name], model) for item in in_order),
     )
     folder = out or model.workspace.ranking
     with storage_errors(folder):

@@ -1,4 +1,4 @@
-"""The base of words on the wire, and the names of methods. Imports nothing heavy: command lines have them."""
+"""The base of words on the wire, and names that command lines have, too. Imports nothing heavy."""
 
 from enum import StrEnum
 from typing import TYPE_CHECKING, Any, Literal, Self
@@ -25,6 +25,8 @@ Method = Literal[
     "spectral-median",
 ]
 """The methods of ranking; `docs/reference/methods.md` describes them."""
+POINTS = "points"
+"""In place of a height model: the ground by the sparse points of the model."""
 
 
 class Word(StrEnum):
