@@ -285,6 +285,7 @@ def test_masks_of_no_image_are_reported(client: Client, url: str, photographs: P
     (photographs / "masks").mkdir()
     for name in ("a", "c"):  # that of left/c.png would be masks/left/c.png
         Image.new("L", (96, 64), 255).save(photographs / "masks" / f"{name}.png")
+    Image.new("L", (9, 9), 255).save(photographs / "masks" / "b.png")
     scene = client.scenes.create("quarry")
     report = scene.images.upload(photographs)
     (failed,) = report.failed
@@ -293,7 +294,8 @@ def test_masks_of_no_image_are_reported(client: Client, url: str, photographs: P
     assert failed.error.hint
     answer = CliRunner().invoke(app, ["--url", url, "upload", scene.id, str(photographs)])
     assert "masks/c.png: failed: It is in a folder of masks, and the mask of no image." in answer.stderr
-    assert answer.stdout == "0 sent (0.0 MB), 3 there already, 1 failed\n"
+    assert answer.stdout == "0 sent (0.0 MB), 3 there already, 1 without their mask, 1 failed\n"
+    assert answer.stderr.count("b.jpg: already there without its mask: The mask of b.jpg cannot be used") == 1
     nothing = CliRunner().invoke(
         app, ["--url", url, "upload", scene.id, str(photographs / "masks" / "c.png")]
     )

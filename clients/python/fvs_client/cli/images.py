@@ -15,7 +15,7 @@ from fvs_client.cli.progress import describe_outcome, display, download_progress
 from fvs_client.cli.session import confirm, find_scene, service
 from fvs_client.errors import NotFoundError
 from fvs_client.image_files import SUFFIXES, find_image_files
-from fvs_client.uploads import UploadedFile, UploadProgress, UploadReport
+from fvs_client.uploads import UploadProgress, UploadReport
 from fvs_schema.images import Image, Registration
 
 ImageArguments = Annotated[
@@ -71,7 +71,7 @@ def upload(
     if not any(file.sent for file in find_image_files(paths)):
         where = ", ".join(map(str, paths))
         raise typer.BadParameter(f"There is no image in {where}: no file in {', '.join(sorted(SUFFIXES))}.")
-    reported: list[UploadedFile] = []
+    reported: set[Path] = set()
     with service(context, as_json=as_json, patient=True) as client:
         # An API key that may only upload cannot look up the scene; its id is enough.
         images = client.scenes.images(scene) if scene.startswith("scn_") else find_scene(client, scene).images
@@ -80,8 +80,8 @@ def upload(
             def on_progress(progress: UploadProgress) -> None:
                 upload_progress(shown, progress)
                 last = progress.last
-                if last is not None and not last.ok and last not in reported:
-                    reported.append(last)
+                if last is not None and not last.ok and last.path not in reported:
+                    reported.add(last.path)
                     shown.print(f"{last.path}: {describe_outcome(last)}")
 
             report = images.upload(paths, parallel=parallel, on_progress=on_progress)
@@ -89,7 +89,7 @@ def upload(
         print_json(_document(report))
     else:
         for file in report.files:
-            if file not in reported and not file.ok:
+            if file.path not in reported and not file.ok:
                 typer.echo(f"{file.path}: {describe_outcome(file)}", err=True)
         typer.echo(_summary(report))
     if not report.ok:
