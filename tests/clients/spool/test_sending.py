@@ -137,6 +137,9 @@ def test_a_mask_follows_its_photograph(field: Field, client: Client) -> None:
     assert field.drain() == [State.SENT, State.REFUSED, State.SENT], "and masks are no photographs"
     refusal = field.outbox.all()[1].refusal
     assert refusal is not None
+    assert refusal.reason.startswith(
+        "The scene has the photograph without its mask. The mask of DJI_0001.JPG"
+    )
     assert "8×8 px" in refusal.reason
     images = {image.name: image.mask for image in client.scenes.images(field.scene).list()}
     sent = hashlib.sha256((masks / "DJI_0000.JPG.png").read_bytes()).hexdigest()

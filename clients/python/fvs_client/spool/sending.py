@@ -116,7 +116,8 @@ class Sender:
         try:
             require_success(self._connection.ask("PUT", path, {"Content-Type": "image/png"}, mask))
         except RefusedError as error:
-            return error.refusal
+            reason = f"The scene has the photograph without its mask. {error.refusal.reason}"
+            return replace(error.refusal, reason=reason)
         return None
 
     def _acknowledgement(self, photograph: Photograph) -> Acknowledgement | None:
