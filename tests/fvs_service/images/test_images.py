@@ -49,7 +49,7 @@ def test_what_is_known_need_not_be_sent(gateway: Any, photograph: Photograph) ->
     assert answer.json() == {
         "known": [_digest(known)],
         "missing": [_digest(missing)],
-        "images": [{"digest": _digest(known), "verdict": "accepted", "reason": "", "hint": ""}],
+        "images": [{"digest": _digest(known), "verdict": "accepted", "reason": "", "hint": "", "mask": None}],
     }
 
 
