@@ -67,7 +67,7 @@ def ground_of_points(geodetic: Array, datum: AltitudeDatum) -> Terrain:
         latitude_step_deg=float(latitude_step_deg),
         longitude_step_deg=float(longitude_step_deg),
         columns=shape[1],
-        heights_m=tuple(np.where(np.isnan(heights), NO_HEIGHT_M, heights).ravel().tolist()),
+        heights_m=tuple(np.where(np.isnan(heights), NO_HEIGHT_M, heights.round(3)).ravel().tolist()),
         altitude_datum=datum,
     )
 

@@ -273,6 +273,7 @@ def test_every_message_has_a_model_or_is_of_grpc(document: dict[str, Any]) -> No
             "Pose",
             "Generator",
             "Volume",
+            "AnyTerrain",
             "Corner",
             "CandidateList",
             "PoseList",

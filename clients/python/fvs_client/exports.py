@@ -100,7 +100,7 @@ from fvs_schema.scenes import (
 )
 from fvs_schema.service import Capabilities, Health, Limits, WorkerStatus
 from fvs_schema.snapshots import Artifact, PinholeIntrinsics, SnapshotCameras, SnapshotMetrics, SnapshotView
-from fvs_schema.terrain import Terrain
+from fvs_schema.terrain import Terrain, TerrainOfPoints
 from fvs_schema.visits import Visit, VisitReport, VisitState
 from fvs_schema.volumes import Box, Corridor, Cylinder, Prism, Shell, Volume
 from fvs_schema.webhooks import WebhookState
@@ -219,6 +219,7 @@ __all__ = [
     "SnapshotView",
     "Stop",
     "Terrain",
+    "TerrainOfPoints",
     "Tour",
     "Trigger",
     "UnauthenticatedError",

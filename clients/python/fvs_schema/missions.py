@@ -14,7 +14,7 @@ from fvs_schema.poses import Pose
 from fvs_schema.quantities import WHOLE, Altitude, AsText, Latitude, Longitude, Number, Tilt
 from fvs_schema.rankings import RankedCandidate
 from fvs_schema.scenes import AltitudeDatum
-from fvs_schema.terrain import Terrain
+from fvs_schema.terrain import AnyTerrain
 from fvs_schema.words import Word
 
 _MOST_VIA = 200
@@ -263,7 +263,7 @@ class MissionRequest(Input):
     """Where to pass on the way home, in order."""
     snapshot_id: str | None = None
     """The snapshot whose alignment relates poses of the model frame to the world; by default the newest."""
-    terrain: Terrain | None = None
+    terrain: AnyTerrain | None = None
     """The ground, from which heights are measured; by default from home. Home is then required."""
 
     @model_validator(mode="after")

@@ -21,7 +21,7 @@ from fvs_schema.names import VehicleName
 from fvs_schema.poses import Pose, PoseFrame, frame_of
 from fvs_schema.quantities import WHOLE, Count, Length, Number
 from fvs_schema.scenes import Alignment, Origin
-from fvs_schema.terrain import Terrain
+from fvs_schema.terrain import AnyTerrain
 
 _MOST_VEHICLES = 20
 
@@ -78,8 +78,8 @@ class PlanRequest(CandidatesRequest):
     With `safety_m`, `no_fly` or a volume the way goes around obstacles; otherwise it is straight."""
     no_fly: Zones = ()
     """Volumes of the world frame to stay out of, at most 20."""
-    terrain: Terrain | None = None
-    """The ground, as in a ranking: candidates under it are not planned. A plan does not keep it."""
+    terrain: AnyTerrain | None = None
+    """The ground, as in a ranking: candidates under it are not planned. A plan keeps no heights."""
     vehicles: _Vehicles | None = None
     """Where the vehicles are; by default one vehicle at the last registered image."""
     for_vehicle: VehicleName | None = None

@@ -19,7 +19,7 @@ from fvs_schema.names import VehicleName
 from fvs_schema.poses import Pose, PoseFrame, frame_of
 from fvs_schema.quantities import WHOLE, Count, Length, Number
 from fvs_schema.scenes import Alignment, Origin
-from fvs_schema.terrain import Terrain
+from fvs_schema.terrain import AnyTerrain
 from fvs_schema.words import Method
 
 _FEW_CANDIDATES = 100
@@ -75,9 +75,9 @@ class RankingRequest(CandidatesRequest):
     of the distance from which the nearest photographs saw that matter."""
     no_fly: Zones = ()
     """Volumes of the world frame that candidates stay out of, at most 20."""
-    terrain: Terrain | None = None
+    terrain: AnyTerrain | None = None
     """The ground, under which candidates are `under-ground`, by the datum of the scene's altitudes; where it
-    has no height, a warning says so. A ranking does not keep it."""
+    has no height, a warning says so. A ranking keeps no heights."""
     rank_all: bool = False
     """Rank also candidates that are `in-matter`, `too-close`, `no-fly` or `unregistrable`; they keep that
     status."""

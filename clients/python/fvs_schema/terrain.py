@@ -2,7 +2,7 @@
 
 import math
 from collections.abc import Iterator
-from typing import Annotated, Self
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -32,6 +32,8 @@ class Terrain(Input):
     grid.
     """
 
+    kind: Literal["heights"] = "heights"
+    """The terrain's name."""
     south_deg: Latitude
     """Latitude of the first row."""
     west_deg: Longitude
@@ -111,3 +113,13 @@ class Terrain(Input):
                     return None
                 height_m += share * corner_m
         return height_m
+
+
+class TerrainOfPoints(Input):
+    """The ground by the sparse points of the model: the artifact `terrain.json` of its snapshot."""
+
+    kind: Literal["points"] = "points"
+    """The terrain's name."""
+
+
+AnyTerrain = Annotated[Terrain | TerrainOfPoints, Field(discriminator="kind")]

@@ -617,8 +617,8 @@ class RankingRequest(_message.Message):
     safety_m: float
     no_fly: _containers.RepeatedCompositeFieldContainer[Volume]
     rank_all: bool
-    terrain: Terrain
-    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., current_pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., radius_m: _Optional[float] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., top_k: _Optional[int] = ..., method: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., budget: _Optional[int] = ..., seed: _Optional[int] = ..., for_vehicle: _Optional[str] = ..., safety_m: _Optional[float] = ..., no_fly: _Optional[_Iterable[_Union[Volume, _Mapping]]] = ..., rank_all: _Optional[bool] = ..., terrain: _Optional[_Union[Terrain, _Mapping]] = ...) -> None: ...
+    terrain: AnyTerrain
+    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., current_pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., radius_m: _Optional[float] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., top_k: _Optional[int] = ..., method: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., budget: _Optional[int] = ..., seed: _Optional[int] = ..., for_vehicle: _Optional[str] = ..., safety_m: _Optional[float] = ..., no_fly: _Optional[_Iterable[_Union[Volume, _Mapping]]] = ..., rank_all: _Optional[bool] = ..., terrain: _Optional[_Union[AnyTerrain, _Mapping]] = ...) -> None: ...
 
 class ScoredCandidate(_message.Message):
     __slots__ = ("id", "score", "status", "coverage", "distance_m", "pose", "estimated")
@@ -763,8 +763,8 @@ class PlanRequest(_message.Message):
     safety_m: float
     no_fly: _containers.RepeatedCompositeFieldContainer[Volume]
     for_vehicle: str
-    terrain: Terrain
-    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., targets: _Optional[_Union[CandidateList, _Mapping]] = ..., views: _Optional[int] = ..., distance_m: _Optional[float] = ..., home: _Optional[bool] = ..., vehicles: _Optional[_Union[PoseList, _Mapping]] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., snapshot_id: _Optional[str] = ..., safety_m: _Optional[float] = ..., no_fly: _Optional[_Iterable[_Union[Volume, _Mapping]]] = ..., for_vehicle: _Optional[str] = ..., terrain: _Optional[_Union[Terrain, _Mapping]] = ...) -> None: ...
+    terrain: AnyTerrain
+    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., targets: _Optional[_Union[CandidateList, _Mapping]] = ..., views: _Optional[int] = ..., distance_m: _Optional[float] = ..., home: _Optional[bool] = ..., vehicles: _Optional[_Union[PoseList, _Mapping]] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., snapshot_id: _Optional[str] = ..., safety_m: _Optional[float] = ..., no_fly: _Optional[_Iterable[_Union[Volume, _Mapping]]] = ..., for_vehicle: _Optional[str] = ..., terrain: _Optional[_Union[AnyTerrain, _Mapping]] = ...) -> None: ...
 
 class Expectation(_message.Message):
     __slots__ = ("variance", "psnr_db", "low_db", "high_db")
@@ -903,8 +903,8 @@ class MissionRequest(_message.Message):
     views: _containers.RepeatedCompositeFieldContainer[MissionView]
     via_home: _containers.RepeatedCompositeFieldContainer[_poses_pb2.Pose]
     snapshot_id: str
-    terrain: Terrain
-    def __init__(self, views: _Optional[_Iterable[_Union[MissionView, _Mapping]]] = ..., via_home: _Optional[_Iterable[_Union[_poses_pb2.Pose, _Mapping]]] = ..., snapshot_id: _Optional[str] = ..., terrain: _Optional[_Union[Terrain, _Mapping]] = ...) -> None: ...
+    terrain: AnyTerrain
+    def __init__(self, views: _Optional[_Iterable[_Union[MissionView, _Mapping]]] = ..., via_home: _Optional[_Iterable[_Union[_poses_pb2.Pose, _Mapping]]] = ..., snapshot_id: _Optional[str] = ..., terrain: _Optional[_Union[AnyTerrain, _Mapping]] = ...) -> None: ...
 
 class Terrain(_message.Message):
     __slots__ = ("south_deg", "west_deg", "latitude_step_deg", "longitude_step_deg", "columns", "heights_m", "altitude_datum")
@@ -923,6 +923,18 @@ class Terrain(_message.Message):
     heights_m: _containers.RepeatedScalarFieldContainer[float]
     altitude_datum: _poses_pb2.AltitudeDatum
     def __init__(self, south_deg: _Optional[float] = ..., west_deg: _Optional[float] = ..., latitude_step_deg: _Optional[float] = ..., longitude_step_deg: _Optional[float] = ..., columns: _Optional[int] = ..., heights_m: _Optional[_Iterable[float]] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ...) -> None: ...
+
+class TerrainOfPoints(_message.Message):
+    __slots__ = ()
+    def __init__(self) -> None: ...
+
+class AnyTerrain(_message.Message):
+    __slots__ = ("heights", "points")
+    HEIGHTS_FIELD_NUMBER: _ClassVar[int]
+    POINTS_FIELD_NUMBER: _ClassVar[int]
+    heights: Terrain
+    points: TerrainOfPoints
+    def __init__(self, heights: _Optional[_Union[Terrain, _Mapping]] = ..., points: _Optional[_Union[TerrainOfPoints, _Mapping]] = ...) -> None: ...
 
 class MissionFile(_message.Message):
     __slots__ = ("name", "media_type", "content", "left_out", "reasons")

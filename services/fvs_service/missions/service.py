@@ -9,6 +9,7 @@ from fvs_schema.missions import MissionFile, MissionOptions, MissionRequest, Mis
 from fvs_schema.poses import Pose, frame_of
 from fvs_schema.scenes import Alignment, AlignmentStatus
 from fvs_schema.snapshots import PinholeIntrinsics
+from fvs_schema.terrain import TerrainOfPoints
 from fvs_service.errors import InvalidRequestError, NotFoundError
 from fvs_service.missions.writing import write_mission
 from fvs_service.plans.service import Plans
@@ -76,7 +77,10 @@ class Missions:
         views = request.views[: options.first]
         via_home = _way_home(request.via_home, views, request.views)
         ground, camera = self._surroundings(snapshot.id)
-        return write_mission(scene.id, frame, views, via_home, options, ground, camera, request.terrain)
+        terrain = request.terrain
+        if isinstance(terrain, TerrainOfPoints):
+            terrain = self._frames.ground(snapshot.id)
+        return write_mission(scene.id, frame, views, via_home, options, ground, camera, terrain)
 
     def _surroundings(self, snapshot_id: str) -> tuple[float | None, PinholeIntrinsics | None]:
         """The height of the model's lowest point in the world frame, and the camera of its images.

@@ -28,7 +28,7 @@ from fvs_service.rankings.port import PlanViews, SceneRunners, UpdateQuality
 from fvs_service.rankings.pose_frames import poses_in
 from fvs_service.rankings.preparation import Begun, TakenPoses, taken_cameras
 from fvs_service.rankings.snapshot_frames import SnapshotFrames, by_id
-from fvs_service.rankings.under_ground import require_datum
+from fvs_service.rankings.under_ground import kept
 from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.lease import find_endpoint
 from fvs_service.scenes.poses import require_on_earth
@@ -137,8 +137,7 @@ class Plans:
             taken_poses = self._taken_poses(reader, scene_id, request.for_vehicle)
         snapshot = self._frames.snapshot(principal, scene, request.snapshot_id)
         frame = self._frames.frame(snapshot.id, scene.origin)
-        if request.terrain is not None:
-            require_datum(request.terrain, frame)
+        terrain = self._frames.terrain(request.terrain, snapshot.id, frame)
         self._require_room()
         if isinstance(request.generator, InVolume):
             self._frames.require_few(request.generator.count)
@@ -152,6 +151,7 @@ class Plans:
             geometry=self._frames.geometry(snapshot.id),
             camera=usual_camera(self._frames.cameras(snapshot.id)),
             taken=taken_cameras(frame, taken_poses),
+            terrain=terrain,
             timeout_s=timeout_s,
             remembered=remembered,
         )
@@ -272,7 +272,7 @@ def _plan(prepared: _Prepared, plan: engine_records.Plan) -> Plan:
         id=new_id("pln"),
         scene_id=begun.scene.id,
         snapshot_id=snapshot.id,
-        request=request.model_copy(update={"terrain": None}),
+        request=request.model_copy(update={"terrain": kept(request.terrain)}),
         summary=plan.sentence("m" if frame.aligned else "units", scale),
         now=_expectation(plan.now),
         end=_expectation(plan.end),

@@ -18,6 +18,7 @@ from fvs_schema.plans import PlanRequest
 from fvs_schema.poses import FramePose, VehiclePose
 from fvs_schema.rankings import RankingRequest
 from fvs_schema.snapshots import Snapshot
+from fvs_schema.terrain import Terrain
 from fvs_service.principal import Principal
 from fvs_service.rankings.in_model import clearance, views_in_volume
 from fvs_service.rankings.port import GenerateViews, RankViews, SceneRunners
@@ -70,6 +71,7 @@ class Begun(Generic[RequestT]):
     geometry: SceneGeometry
     camera: PinholeCamera
     taken: Mapping[str, RigidTransform]
+    terrain: Terrain | None
     timeout_s: float
     remembered: IdempotencyKey
 
@@ -85,7 +87,7 @@ class Begun(Generic[RequestT]):
 
     def ground(self, poses: Mapping[str, RigidTransform]) -> GroundCheck:
         """Compare candidates (id → world_from_camera) with the request's terrain, if it has one."""
-        return ground_check(poses, self.frame, self.request.terrain)
+        return ground_check(poses, self.frame, self.terrain)
 
     def _generation(self) -> GenerateViews:
         request, frame = self.request, self.frame

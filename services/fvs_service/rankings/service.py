@@ -33,7 +33,7 @@ from fvs_service.rankings.in_model import require_volumes
 from fvs_service.rankings.port import RankedViews, RenderView, SceneRunners, ViewImage
 from fvs_service.rankings.preparation import BegunRanking, PreparedRanking, TakenPoses, taken_cameras
 from fvs_service.rankings.snapshot_frames import SnapshotFrames
-from fvs_service.rankings.under_ground import require_datum
+from fvs_service.rankings.under_ground import kept
 from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.lease import find_endpoint
 from fvs_service.scenes.poses import WorldFrame
@@ -190,8 +190,7 @@ class Rankings:
         frame = self._frames.frame(snapshot.id, scene.origin)
         if request.frame == "geodetic":
             frame.require_origin()
-        if request.terrain is not None:
-            require_datum(request.terrain, frame)
+        terrain = self._frames.terrain(request.terrain, snapshot.id, frame)
         self._require_room()
         begun = BegunRanking(
             principal=principal,
@@ -203,6 +202,7 @@ class Rankings:
             geometry=self._frames.geometry(snapshot.id),
             camera=usual_camera(self._frames.cameras(snapshot.id)),
             taken=taken_cameras(frame, taken_poses),
+            terrain=terrain,
             timeout_s=timeout_s,
             remembered=remembered,
         )
@@ -228,7 +228,7 @@ class Rankings:
             id=new_id("rnk"),
             scene_id=scene_id,
             snapshot_id=result.snapshot_id,
-            request=request.model_copy(update={"terrain": None}),
+            request=request.model_copy(update={"terrain": kept(request.terrain)}),
             alignment=snapshot.alignment,
             origin=prepared.scene.origin if prepared.frame.georeferenced else None,
             iterations=result.iterations,

@@ -7,14 +7,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.geometry import RigidTransform
+from fvs_engine.geometry.ground_of_points import LEAST_POINTS
 from fvs_schema.candidates import Candidate
 from fvs_schema.error_codes import FieldError
 from fvs_schema.scenes import Origin
 from fvs_schema.snapshots import Snapshot, SnapshotCameras
+from fvs_schema.terrain import AnyTerrain, Terrain
 from fvs_service.errors import InvalidRequestError, NoSnapshotError, NotFoundError
 from fvs_service.principal import Principal
 from fvs_service.rankings.generators import FromImages, generate
 from fvs_service.rankings.scene_geometry import SceneGeometry
+from fvs_service.rankings.under_ground import require_datum
 from fvs_service.scenes.poses import WorldFrame, require_on_earth
 from fvs_service.scenes.repository import SceneHead
 from fvs_service.snapshots.repository import find_snapshot, snapshot_of
@@ -22,6 +25,7 @@ from fvs_service.snapshots.service import Snapshots
 from fvs_service.storage.database import Database
 
 _CACHED_SNAPSHOTS = 64
+_CACHED_TERRAINS = 8
 
 
 class SnapshotFrames:
@@ -36,6 +40,9 @@ class SnapshotFrames:
         self._snapshot = lru_cache(_CACHED_SNAPSHOTS)(self._find)
         self._cameras = lru_cache(_CACHED_SNAPSHOTS)(
             lambda snapshot_id: snapshots.cameras(self._snapshot(snapshot_id))
+        )
+        self._terrain = lru_cache(_CACHED_TERRAINS)(
+            lambda snapshot_id: snapshots.terrain(self._snapshot(snapshot_id))
         )
         self._geometry = lru_cache(_CACHED_SNAPSHOTS)(self._geometry_of)
         self._frame = lru_cache(_CACHED_SNAPSHOTS)(
@@ -73,6 +80,30 @@ class SnapshotFrames:
         """The world frame of a snapshot."""
         frame: WorldFrame = self._frame(snapshot_id, origin)
         return frame
+
+    def terrain(self, asked: AnyTerrain | None, snapshot_id: str, frame: WorldFrame) -> Terrain | None:
+        """The ground that a request asks for, above the datum of the scene's altitudes.
+
+        Raises ``InvalidRequestError`` for one above another datum, without georeference, and where the
+        snapshot has too few points.
+        """
+        if asked is None:
+            return None
+        frame.require_origin()
+        found = asked if isinstance(asked, Terrain) else self.ground(snapshot_id)
+        require_datum(found, frame)
+        return found
+
+    def ground(self, snapshot_id: str) -> Terrain:
+        """The ground by the snapshot's points; raises ``InvalidRequestError`` where it has none."""
+        found: Terrain | None = self._terrain(snapshot_id)
+        if found is None:
+            raise InvalidRequestError(
+                f"The model has no ground: it needs {LEAST_POINTS} sparse points, and a place on Earth.",
+                hint="Give heights, or send images with GPS that overlap more.",
+                errors=[FieldError("terrain", "the model has too few points")],
+            )
+        return found
 
     def candidates(
         self,

@@ -7,7 +7,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry import ground as engine
 from fvs_schema.error_codes import FieldError
-from fvs_schema.terrain import Terrain
+from fvs_schema.terrain import AnyTerrain, Terrain, TerrainOfPoints
 from fvs_service.errors import InvalidRequestError
 from fvs_service.scenes.poses import WorldFrame, geodetic_origin
 
@@ -17,6 +17,11 @@ def require_datum(terrain: Terrain, frame: WorldFrame) -> None:
     datum = frame.require_origin().altitude_datum
     with _about("terrain.altitude_datum", f"it is not {datum.value}"):
         engine.require_datum(terrain, datum)
+
+
+def kept(terrain: AnyTerrain | None) -> TerrainOfPoints | None:
+    """What rankings and plans keep of a request's terrain: no heights."""
+    return terrain if isinstance(terrain, TerrainOfPoints) else None
 
 
 def ground_check(

@@ -1,17 +1,24 @@
-"""Georeferencing: the alignment of a model with the position priors of its images."""
+"""Georeferencing: the alignment of a model with the position priors of its images, and its ground."""
 
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
+from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.alignment.attitudes import Attitude
 from fvs_engine.geometry.alignment.positions import GPS_ACCURACY_M
 from fvs_engine.geometry.alignment.world import georeference
-from fvs_engine.geometry.geodetic import GeodeticPosition, enu_from_geodetic
+from fvs_engine.geometry.geodetic import GeodeticPosition, enu_from_geodetic, geodetic_coordinates
+from fvs_engine.geometry.ground_of_points import ground_of_points
 from fvs_schema.images import Image, Prior
 from fvs_schema.scenes import Alignment, Origin, Scene
-from fvs_service.scenes.poses import geodetic_origin
+from fvs_schema.snapshots import SnapshotAlignment
+from fvs_schema.terrain import Terrain
+from fvs_service.scenes.poses import WorldFrame, geodetic_origin
+
+Array = NDArray[np.float64]
 
 
 def align(
@@ -44,6 +51,19 @@ def align(
         np.array([sigma for _, _, _, sigma in known]),
     )
     return Alignment(positions=len(known)) if found is None else found.alignment(len(known))
+
+
+def ground_of(points: Array, placed: SnapshotAlignment) -> Terrain | None:
+    """The ground by points [N, 3] of the model frame; None where that is not on Earth, or of too few."""
+    frame = WorldFrame(placed.origin, placed)
+    if not frame.georeferenced:
+        return None
+    origin = frame.require_origin()
+    geodetic = geodetic_coordinates(frame.world_from_model.apply(points), geodetic_origin(origin))
+    try:
+        return ground_of_points(geodetic, origin.altitude_datum)
+    except InvalidInputError:
+        return None
 
 
 def world_position(prior: Prior, origin: Origin | None) -> np.ndarray | None:

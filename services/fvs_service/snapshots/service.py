@@ -9,7 +9,7 @@ from pathlib import Path
 from sqlalchemy.orm import Session
 
 from fvs_engine.wording import notice
-from fvs_schema.artifacts import ALIGNMENT, CAMERAS, COLMAP, GAUSSIANS
+from fvs_schema.artifacts import ALIGNMENT, CAMERAS, COLMAP, GAUSSIANS, TERRAIN
 from fvs_schema.base import Page
 from fvs_schema.control_points import ControlResiduals
 from fvs_schema.events import EventKind
@@ -24,6 +24,7 @@ from fvs_schema.snapshots import (
     SnapshotList,
     SnapshotMetrics,
 )
+from fvs_schema.terrain import Terrain
 from fvs_service.errors import NotFoundError
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
@@ -102,6 +103,12 @@ class Snapshots:
     def cameras(self, snapshot: Snapshot) -> SnapshotCameras:
         """The poses of the snapshot's images."""
         return SnapshotCameras.model_validate_json(self._blobs.read(_key(snapshot, CAMERAS)))
+
+    def terrain(self, snapshot: Snapshot) -> Terrain | None:
+        """The ground by the snapshot's points; None where it has none."""
+        if all(artifact.name != TERRAIN for artifact in snapshot.artifacts):
+            return None
+        return Terrain.model_validate_json(self._blobs.read(_key(snapshot, TERRAIN)))
 
     def change(self, principal: Principal, snapshot_id: str, change: SnapshotChange) -> Snapshot:
         """Pin or unpin a snapshot; raises ``NotFoundError``."""

@@ -37,6 +37,7 @@ VOLUMES: list[dict[str, Any]] = [
 """Beside the model of the georeferenced scene, whose images are 120 m from its middle."""
 ZONE = {"kind": "box", "centre": [-300.0, 0.0, 0.0], "size": [9.0, 9.0, 9.0]}
 TERRAIN = {
+    "kind": "heights",
     **{"south_deg": 48.0, "west_deg": 7.0, "latitude_step_deg": 1.0, "longitude_step_deg": 1.0},
     **{"columns": 2, "heights_m": [300.0, 300.0, 300.0, 300.0]},
 }

@@ -9,10 +9,12 @@ from fvs_schema.terrain import Terrain
 
 ORIGIN = {"latitude_deg": 46.02, "longitude_deg": 7.75, "altitude_m": 500.0}
 TERRAIN: dict[str, Any] = {
+    "kind": "heights",
     **{"south_deg": 46.01, "west_deg": 7.74, "latitude_step_deg": 0.02, "longitude_step_deg": 0.01},
     **{"columns": 3, "heights_m": [-3500.0, 500.0, 4500.0] * 2},
 }
 """500 m high at the origin, and 52 m more each 10 m to the east."""
+ALIGNED = Alignment(status=AlignmentStatus.ALIGNED, scale=10.0)
 VOLUME = {"kind": "cylinder", "base": [0.0, 0.0, -20.0], "radius": 50.0, "height": 40.0}
 
 
@@ -28,7 +30,7 @@ GIVEN = [_geodetic("over", 701.0), _geodetic("under", 699.0)]
 @pytest.fixture(scope="module")
 def scene(gateway: Any) -> str:
     scene = gateway.scene(world={"kind": "enu", "origin": ORIGIN})
-    gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED, scale=10.0))
+    gateway.model(scene, alignment=ALIGNED, terrain=Terrain(**TERRAIN))
     return scene
 
 
@@ -82,3 +84,27 @@ def test_without_a_candidate_above_the_ground_there_is_no_plan(gateway: Any, sce
     assert "are under the ground (1)" in answer.json()["detail"]
     other = _plan(gateway, scene, terrain={**TERRAIN, "altitude_datum": "ellipsoid"})
     assert [error["field"] for error in other.json()["errors"]] == ["terrain.altitude_datum"]
+
+
+def test_the_ground_may_be_that_of_the_points(gateway: Any, scene: str) -> None:
+    orbit = {"generator": {"kind": "orbit", "count": 12}}
+    by_heights, by_points = (
+        _plan(gateway, scene, terrain=terrain, **orbit).json() for terrain in (TERRAIN, {"kind": "points"})
+    )
+    assert by_points["warnings"] == by_heights["warnings"]
+    assert by_points["tours"] == by_heights["tours"]
+    assert by_points["request"]["terrain"] == {"kind": "points"}
+    snapshot = gateway.client.get(f"/v1/snapshots/{by_points['snapshot_id']}/artifacts/terrain.json")
+    again = _plan(gateway, scene, terrain=snapshot.json(), **orbit).json()
+    assert again["tours"] == by_heights["tours"]
+
+
+def test_a_model_of_few_points_has_no_ground(gateway: Any) -> None:
+    few, nowhere = gateway.scene(world={"kind": "enu", "origin": ORIGIN}), gateway.scene()
+    gateway.model(few, alignment=ALIGNED)
+    gateway.model(nowhere)
+    for scene, said in ((few, "needs 100 sparse points"), (nowhere, "not georeferenced")):
+        for made in ("plans", "rankings"):
+            answer = gateway.client.post(f"/v1/scenes/{scene}/{made}", json={"terrain": {"kind": "points"}})
+            assert answer.status_code == 422
+            assert said in answer.json()["detail"]

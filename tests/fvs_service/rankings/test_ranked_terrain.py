@@ -6,6 +6,7 @@ from fvs_schema.scenes import Alignment, AlignmentStatus
 
 ORIGIN = {"latitude_deg": 46.02, "longitude_deg": 7.75, "altitude_m": 500.0}
 TERRAIN: dict[str, Any] = {
+    "kind": "heights",
     **{"south_deg": 46.01, "west_deg": 7.74, "latitude_step_deg": 0.02, "longitude_step_deg": 0.01},
     **{"columns": 2, "heights_m": [490.0, 510.0, 490.0, 510.0]},
 }

@@ -34,7 +34,7 @@ from fvs_schema.scenes import (
     SceneSize,
     World,
 )
-from fvs_schema.terrain import Terrain
+from fvs_schema.terrain import AnyTerrain
 from fvs_schema.visits import Visit, VisitList, VisitReport, VisitState
 from fvs_schema.volumes import Volume
 from fvs_schema.words import Method as RankingMethod
@@ -146,7 +146,7 @@ class Scene(Resource, SceneData):
         radius_m: float | None = None,
         safety_m: float | None = None,
         no_fly: Iterable[Volume] | None = None,
-        terrain: Terrain | None = None,
+        terrain: AnyTerrain | None = None,
         rank_all: bool = False,
         frame: PoseFrame | None = None,
         top_k: int | None = None,
@@ -205,7 +205,7 @@ class Scene(Resource, SceneData):
         home: bool = False,
         safety_m: float | None = None,
         no_fly: Iterable[Volume] | None = None,
-        terrain: Terrain | None = None,
+        terrain: AnyTerrain | None = None,
         vehicles: Iterable[Pose] | None = None,
         for_vehicle: str | None = None,
         frame: PoseFrame | None = None,
@@ -269,7 +269,7 @@ class Scene(Resource, SceneData):
         format: MissionFormat | str,  # noqa: A002
         *,
         snapshot_id: str | None = None,
-        terrain: Terrain | None = None,
+        terrain: AnyTerrain | None = None,
         **settings: Unpack[MissionSettings],
     ) -> MissionFile:
         """Get views, such as stops of plans or candidates of rankings, as a mission.
@@ -294,7 +294,7 @@ class Scene(Resource, SceneData):
 def _mission(
     views: Tour | Mapping[str, Pose] | Iterable[Candidate | RankedCandidate | Stop],
     snapshot_id: str | None,
-    terrain: Terrain | None,
+    terrain: AnyTerrain | None,
 ) -> MissionRequest:
     listed: Iterable[Candidate | RankedCandidate | Stop]
     if isinstance(views, Tour):

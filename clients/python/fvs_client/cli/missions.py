@@ -15,10 +15,10 @@ from fvs_client.cli.flight_options import (
     GeofenceOption,
     HighestOption,
     LowestOption,
-    TerrainOption,
     TransitHeightOption,
     flight_limits,
 )
+from fvs_client.cli.ground import MissionGroundOption
 from fvs_client.cli.options import JsonOption, within
 from fvs_client.cli.output import print_json
 from fvs_client.cli.session import service
@@ -29,7 +29,8 @@ from fvs_schema.plans import Stop
 from fvs_schema.poses import Pose
 from fvs_schema.rankings import RankedCandidate
 from fvs_schema.scenes import Origin
-from fvs_schema.terrain import Terrain
+from fvs_schema.terrain import Terrain, TerrainOfPoints
+from fvs_schema.words import POINTS
 
 _RANKING, _PLAN = "rnk_", "pln_"
 _PLANS = "`fvs-client plan --json` writes plans."
@@ -79,7 +80,7 @@ def mission(
     lowest: LowestOption = None,
     highest: HighestOption = None,
     geofence: GeofenceOption = None,
-    terrain: TerrainOption = None,
+    terrain: MissionGroundOption = None,
     above_ground: Annotated[
         bool,
         typer.Option(
@@ -195,21 +196,23 @@ def _tour(plan: PlanData, vehicle: int) -> Tour:
 
 
 def _ground(
-    path: Path | None,
+    terrain: str | None,
     views: Sequence[RankedCandidate | Stop],
     via_home: Sequence[Pose],
     origin: Origin | None,
     home: str | None,
-) -> Terrain | None:
-    """The height model around a flight."""
-    if path is None:
+) -> Terrain | TerrainOfPoints | None:
+    """The height model around a flight, or the ground by points."""
+    if terrain is None:
         return None
     given = _home(home)
     if not given:
         raise typer.BadParameter("With --terrain, home must be given.", param_hint="--home")
+    if terrain == POINTS:
+        return TerrainOfPoints()
     via = (pose for view in views if isinstance(view, Stop) for pose in view.via)
     places = places_of([*(view.pose for view in views), *via, *via_home], origin)
-    with HeightModel(path) as heights:
+    with HeightModel(terrain) as heights:
         return heights.around([(given["home_latitude_deg"], given["home_longitude_deg"]), *places])
 
 

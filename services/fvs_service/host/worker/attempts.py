@@ -6,11 +6,12 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
+import numpy as np
 import structlog
 
 from fvs_engine.errors import EngineError
 from fvs_engine.files.atomic import write_text_atomically
-from fvs_schema.artifacts import ALIGNMENT
+from fvs_schema.artifacts import ALIGNMENT, TERRAIN
 from fvs_schema.images import Image
 from fvs_schema.jobs import Job, JobFailure, JobKind
 from fvs_schema.snapshots import SnapshotAlignment
@@ -18,7 +19,7 @@ from fvs_schema.stages import Stage
 from fvs_service.application import Storage
 from fvs_service.engine_errors import for_clients
 from fvs_service.errors import OutOfSpaceError, ServiceError, StaleLeaseError, StorageUnavailableError
-from fvs_service.host.protocol.messages import JobOutcome, RunJob
+from fvs_service.host.protocol.messages import POINTS, JobOutcome, RunJob
 from fvs_service.host.worker.conversation import Conversation, StageSpans
 from fvs_service.host.worker.leased_scenes import LeasedScene, LeasedScenes
 from fvs_service.host.worker.outcomes import Canceled, Failed, LeftToAnother, Outcome, Paused, Succeeded
@@ -34,7 +35,7 @@ from fvs_service.jobs.stages import Work, work_of
 from fvs_service.jobs.timing import TIMING, past_timings
 from fvs_service.scenes.lease import Lease
 from fvs_service.scenes.repository import control_points_of, find_scene, set_working_bytes
-from fvs_service.snapshots.georeferencing import align
+from fvs_service.snapshots.georeferencing import align, ground_of
 from fvs_service.snapshots.service import NewSnapshot
 
 _log = structlog.get_logger()
@@ -183,13 +184,18 @@ class Attempts:
         folder = Path(made.folder)
         placed = SnapshotAlignment(origin=scene.origin, **alignment.model_dump())
         write_text_atomically(folder / ALIGNMENT, placed.model_dump_json(indent=1))
+        files = [*made.files, ALIGNMENT]
+        ground = ground_of(np.load(folder / POINTS), placed)
+        if ground is not None:
+            write_text_atomically(folder / TERRAIN, ground.model_dump_json())
+            files.append(TERRAIN)
         updating = job.kind is JobKind.UPDATE
         reasons, root = made.unregistered if updating else {}, self._storage.settings.root
         snapshot = NewSnapshot(
             metrics=made.metrics,
             alignment=alignment,
             control=None if made.control is None else made.control.residuals,
-            files={name: folder / name for name in (*made.files, ALIGNMENT)},
+            files={name: folder / name for name in files},
             registered=tuple(made.model_from_camera) if updating else (),
             unregistered={
                 digest: None if why is None else reason_of(why, root) for digest, why in reasons.items()
