@@ -7,7 +7,7 @@ from functools import cached_property
 import numpy as np
 from numpy.typing import NDArray
 from pyproj import CRS, Transformer
-from pyproj.exceptions import CRSError
+from pyproj.exceptions import CRSError, ProjError
 
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.geometry.geodetic import GeodeticPosition
@@ -58,6 +58,13 @@ class NamedCrs:
             raise InvalidInputError(
                 f"{self.name} ({crs.name}) does not say where on Earth its coordinates are.", hint=_NAMES
             )
+        try:
+            _ = self._to_wgs84
+        except ProjError as error:  # a file of shifts (nadgrids) that is not there
+            raise InvalidInputError(
+                f"Coordinates in {self.name!r} cannot be converted to WGS 84 here.",
+                hint="Leave out a file that its definition names, or convert the coordinates first.",
+            ) from error
 
     @cached_property
     def _crs(self) -> CRS:

@@ -66,3 +66,9 @@ def test_coordinates_in_another_order_are_refused(name: str, coordinates: tuple[
     with pytest.raises(InvalidInputError) as raised:
         NamedCrs(name).geodetic(np.array([coordinates], dtype=float))
     assert "x is east" in raised.value.hint
+
+
+def test_a_crs_whose_file_of_shifts_is_missing_is_refused() -> None:
+    with pytest.raises(InvalidInputError, match="cannot be converted") as raised:
+        NamedCrs("+proj=tmerc +lon_0=9 +x_0=3500000 +ellps=bessel +nadgrids=not_here.gsb")
+    assert "file" in raised.value.hint
