@@ -85,6 +85,15 @@ def test_holes_stay_holes(make: Make) -> None:
     assert terrain.height_m(MIDDLE) == pytest.approx(500.0, abs=0.02)
 
 
+def test_holes_that_are_not_declared_are_no_ground(make: Make) -> None:
+    """Else everything would be high above it."""
+    with (
+        HeightModel(make(hole=np.s_[55:58, 61:64], nodata=None)) as model,
+        pytest.raises(HeightModelError, match="does not declare"),
+    ):
+        model.around([MIDDLE])
+
+
 def test_a_wide_flight_gets_a_coarser_grid(make: Make) -> None:
     with HeightModel(make("EPSG:4326", 1e-5)) as model:
         terrain = model.around([(46.0195, 7.7495), (46.0205, 7.7505), (46.0206, 7.77)])

@@ -13,9 +13,21 @@ from fvs_schema.terrain import MOST_HEIGHTS, MOST_IN_A_ROW, NO_HEIGHT_M, Terrain
 _MARGIN = 3
 """Steps beyond the outermost places."""
 _FINEST_DEG = 1e-7
+_LOWEST_GROUND_M = -1_000.0
+"""Nobody flies lower: the deepest mines are half as deep."""
 _MAP = "EPSG:4326"
 _DEGREE_M = 111_195.0
-_UNITS_M = {"": 1.0, "m": 1.0, "metre": 1.0, "meter": 1.0, "foot": 0.3048, "ft": 0.3048}
+_UNITS_M = {
+    "": 1.0,
+    "m": 1.0,
+    "metre": 1.0,
+    "metres": 1.0,
+    "meter": 1.0,
+    "meters": 1.0,
+    "foot": 0.3048,
+    "feet": 0.3048,
+    "ft": 0.3048,
+}
 _US_FOOT_M = 1200.0 / 3937.0
 _HINT = "Give a raster of one band with its CRS, such as a GeoTIFF: `gdalinfo FILE` shows what a file has."
 
@@ -120,10 +132,17 @@ class HeightModel:
         ) as warped:
             found = warped.read(1)[::-1].ravel().tolist()
         scale, offset = self._file.scales[0] * self._metres, self._file.offsets[0] * self._metres
-        return [
+        heights = [
             height * scale + offset if math.isfinite(height) and height != NO_HEIGHT_M else NO_HEIGHT_M
             for height in found
         ]
+        lowest_m = min((height for height in heights if height != NO_HEIGHT_M), default=0.0)
+        if lowest_m < _LOWEST_GROUND_M:
+            raise HeightModelError(
+                f"{self._name} has heights of {lowest_m:,.0f} m there: holes that it does not declare.",
+                hint="Declare their value, such as -9999: `gdal_translate -a_nodata -9999 FILE NEW`.",
+            )
+        return heights
 
     def _steps_deg(self, middle: Place) -> tuple[float, float]:
         """The size of a pixel there, in degrees of latitude and longitude."""
