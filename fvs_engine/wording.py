@@ -224,7 +224,7 @@ WORDING: Mapping[FindingCode, tuple[str, str]] = {
         "Add it to positions in PLY, SPZ and COLMAP files; rankings and plans have the coordinates given.",
     ),
     FindingCode.VIDEO_DAMAGED: (
-        "The video is damaged or cut short: its last frame that can be decoded ends at {read_s:.1f} s.",
+        "{video} is damaged or cut short: its last frame that can be decoded ends at {read_s:.1f} s.",
         "Go on with these frames, or copy the video from the camera again.",
     ),
     FindingCode.FRAMES_BLURRED: (
@@ -244,6 +244,19 @@ WORDING: Mapping[FindingCode, tuple[str, str]] = {
         "{count} of the {of:.0f} frames have an altitude above the ellipsoid, which is taken for one above "
         "sea level: {images}.",
         "All are wrong by the height of the geoid, at most 110 m. Control points place the model right.",
+    ),
+    FindingCode.FRAMES_SPACED_WIDER: (
+        "The scene has room for {room:,.0f} more images, and {video} has more frames with a spacing of "
+        "{every_s:g} s: they are taken every {spaced_s:.3g} s.",
+        "For closer frames send parts of the video to scenes of their own.",
+    ),
+    FindingCode.FRAMES_LEFT_OUT: (
+        "The scene has no room for more images: frames of {video} after {last} are left out.",
+        "Send the rest of the video, cut, to another scene.",
+    ),
+    FindingCode.VIDEO_UNDECODABLE: (
+        "Decoding {video} took more memory or time than a video may: no frame after {last} is used.",
+        "Convert it, ffmpeg -i VIDEO -c:v libx264 -an NEW.mp4, and send the rest of it.",
     ),
     FindingCode.ALREADY_TRAINED: (
         "Nothing to do: the model has had {iterations:,.0f} iterations already.",

@@ -63,26 +63,29 @@ def extract_frames(video: Path, out: Path, every_s: float, monitor: Monitor) -> 
             return [out / frame.name for frame in there.frames]
         folder.write(wanted)
         track = read_track(opened.path)
-        frames = list(_written_frames(opened, track, out, every_s, monitor))
+        frames = list(written_frames(opened, track, out, every_s, monitor))
     if not frames:
         raise InvalidInputError(
             f"No frame of {video} can be decoded.", hint="Copy the video from the camera again.", path=video
         )
     folder.write(wanted.model_copy(update={"frames": tuple(frame.record for frame in frames)}))
-    for finding in _findings(opened, track, frames):
+    for finding in (*damage(opened), *findings_on_frames(track, frames)):
         monitor.warn(finding)
     return [out / frame.record.name for frame in frames]
 
 
 @dataclass(frozen=True)
-class _Frame:
+class Frame:
+    """A frame that is a JPEG now, with the priors in it."""
+
     record: FrameRecord
     priors: PhotographPriors
 
 
-def _written_frames(
+def written_frames(
     video: Video, track: Track, out: Path, every_s: float, monitor: Monitor
-) -> Iterator[_Frame]:
+) -> Iterator[Frame]:
+    """Write the frames of ``extract_frames`` one after another; their files are whole when they appear."""
     for chosen in choose_sharp_frames(_watched_frames(video, monitor), every_s, frame_sharpness):
         record = FrameRecord(
             name=f"{video.path.stem}_{_clock(chosen.time_s)}.jpg",
@@ -97,7 +100,7 @@ def _written_frames(
             upright_image(chosen.frame).save(
                 temporary, format="JPEG", quality=_JPEG_QUALITY, exif=exif, xmp=xmp
             )
-        yield _Frame(record, priors)
+        yield Frame(record, priors)
 
 
 def _watched_frames(video: Video, monitor: Monitor) -> Iterator[tuple[float, VideoFrame]]:
@@ -116,9 +119,14 @@ def _clock(time_s: float) -> str:
     return f"{hours:02d}h{minutes:02d}m{milliseconds // 1000:02d}.{milliseconds % 1000:03d}s"
 
 
-def _findings(video: Video, track: Track, frames: Sequence[_Frame]) -> Iterator[Finding]:
+def damage(video: Video) -> Iterator[Finding]:
+    """The finding on a video that could not be read as a whole."""
     if video.damaged or video.is_cut_short:
-        yield Finding.of(FindingCode.VIDEO_DAMAGED, read_s=video.read_s)
+        yield Finding.of(FindingCode.VIDEO_DAMAGED, video=video.path.name, read_s=video.read_s)
+
+
+def findings_on_frames(track: Track, frames: Sequence[Frame]) -> Iterator[Finding]:
+    """The findings on frames that are blurred, or have no position or altitude."""
     blurred = [frame.record.name for frame in frames if frame.record.sharpness < SHARP]
     without = [frame.record.name for frame in frames if frame.priors.latitude_deg is None]
     high = [frame.record.name for frame in frames if frame.priors.altitude_m is not None]

@@ -20,6 +20,7 @@ from fvs_engine.video.dji_subtitles import read_subtitle, read_subtitles
 from fvs_engine.video.gpmf import is_gpmf, read_gpmf
 from fvs_engine.video.track import Record, Track
 from fvs_schema.text_files import decoded_text
+from fvs_schema.videos import find_subtitles
 
 _DAMAGE = (FFmpegError, OSError)
 """What is raised for a video that is damaged, or on a disk that is."""
@@ -167,10 +168,8 @@ def read_track(path: Path) -> Track:
 
     Empty without any. Raises ``InvalidInputError`` when a file cannot be read.
     """
-    beside = (path.with_suffix(suffix) for suffix in (".SRT", ".srt"))
-    found = next(
-        (records for file in beside if file.is_file() and (records := read_subtitles(_text(file)))), None
-    )
+    beside = find_subtitles(path)
+    found = [] if beside is None else read_subtitles(_text(beside))
     return Track(found or _embedded_records(path))
 
 

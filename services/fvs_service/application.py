@@ -18,6 +18,7 @@ from fvs_service.images.service import Images
 from fvs_service.images.upload_locks import UploadLocks
 from fvs_service.images.upload_places import UploadPlaces
 from fvs_service.images.uploads import Uploads
+from fvs_service.images.videos import Videos
 from fvs_service.jobs.ledger import Ledger
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.service import Jobs
@@ -73,6 +74,7 @@ class Application:
     images: Images
     exclusions: Exclusions
     masks: Masks
+    videos: Videos
     jobs: Jobs
     rankings: Rankings
     plans: Plans
@@ -187,6 +189,7 @@ def open_application(
                 spared_s=settings.upload_place_s,
                 reserve_bytes=settings.reserve_bytes,
                 max_bytes=limits.image_bytes,
+                max_video_bytes=limits.video_bytes,
             )
             yield Application(
                 storage=storage,
@@ -205,6 +208,7 @@ def open_application(
                 images=Images(storage.database, storage.blobs, inspector, jobs, limits),
                 exclusions=Exclusions(storage.database, jobs),
                 masks=Masks(storage.database, storage.blobs, inspector, jobs),
+                videos=Videos(storage.database, storage.blobs),
                 jobs=jobs,
                 rankings=rankings,
                 plans=plans,

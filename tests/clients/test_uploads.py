@@ -9,6 +9,7 @@ import pytest
 from fvs_client import (
     AsyncClient,
     Client,
+    ConflictError,
     FvsError,
     ImageMetadata,
     NotFoundError,
@@ -21,6 +22,7 @@ from fvs_client import (
 from fvs_client.cli.app import app
 from PIL import Image
 from typer.testing import CliRunner
+from videos import textured, write_video
 
 
 def test_a_folder_is_sent_once_and_its_bytes_never_again(
@@ -315,3 +317,19 @@ def test_masks_of_images_that_are_not_used_are_not_sent(client: Client, photogra
         assert not report.failed
         verdicts = {file.path.name: file.image.verdict.value for file in report.files if file.image}
         assert (verdicts["twin.jpg"], verdicts["text.jpg"]) == ("duplicate", "unreadable")
+
+
+def test_a_video_is_sent_after_its_subtitles(client: Client, tmp_path: Path) -> None:
+    video = write_video(tmp_path / "DJI_0001.MP4", [(float(n), textured(seed=n)) for n in range(2)])
+    (tmp_path / "DJI_0001.SRT").write_text(
+        "1\n00:00:00,000 --> 00:00:01,000\n[latitude: 47] [longitude: 8]\n"
+    )
+    images = client.scenes.create("quarry").images
+    for outcome in (Outcome.SENT, Outcome.ALREADY_THERE):
+        report = images.upload(tmp_path, describe=lambda _path: ImageMetadata(every_s=0.5))
+        assert [(file.path, file.outcome) for file in report.files] == [(video, outcome)]
+        assert report.ok
+        assert report.files[0].image is not None
+        assert (report.files[0].image.verdict, report.files[0].image.every_s) == (Verdict.VIDEO, 0.5)
+    with pytest.raises(ConflictError, match="has the video already"):
+        images.set_subtitles(report.files[0].digest or "", b"1")

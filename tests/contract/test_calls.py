@@ -387,6 +387,17 @@ def test_calls_are_logged_with_what_they_are_about_and_why_they_fail(
     assert (calls[-1]["code"], calls[-1]["reason"]) == ("unavailable", "connection refused")
 
 
+def test_subtitles_are_one_message_before_their_video(tenant: Any, photograph: Callable[..., bytes]) -> None:
+    scene, content = tenant.scene(), photograph(17)
+    call = tenant.transport.unary("SetSubtitles")
+    request = images.SetSubtitlesRequest(scene_id=scene, digest=digest_of(content), subtitles=b"1")
+    for _ in range(2):
+        call(request, metadata=with_key(tenant))
+    tenant.upload(scene, content)
+    _, outcome = refused(lambda: call(request, metadata=with_key(tenant)))
+    assert outcome.code == "conflict"
+
+
 def test_a_mask_is_a_png_in_one_message(tenant: Any, photograph: Callable[..., bytes]) -> None:
     scene, content = tenant.scene(), photograph(16)
     digest = tenant.upload(scene, content).result["digest"]

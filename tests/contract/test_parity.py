@@ -54,6 +54,7 @@ OTHERWISE = {
     "PUT /v1/scenes/{scene_id}/images/sha256:{hexadecimal}": "UploadImage",
     "GET /v1/scenes/{scene_id}/images/sha256:{hexadecimal}/content": "DownloadImage",
     "PUT /v1/scenes/{scene_id}/images/sha256:{hexadecimal}/mask": "SetMask",
+    "PUT /v1/scenes/{scene_id}/images/sha256:{hexadecimal}/subtitles": "SetSubtitles",
     "GET /v1/snapshots/{snapshot_id}/artifacts/{name}": "DownloadArtifact",
     "GET /v1/scenes/{scene_id}/events": "WatchEvents",
     "GET /v1/rankings/{ranking_id}/candidates/{candidate_id}/{image}.png": "RenderCandidate",

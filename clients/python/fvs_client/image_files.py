@@ -8,10 +8,11 @@ from pathlib import Path
 
 from fvs_schema.masks import find_mask, is_mask
 from fvs_schema.names import readable_name
+from fvs_schema.videos import VIDEO_SUFFIXES, find_subtitles, is_video
 
 Paths = str | PathLike[str] | Iterable[str | PathLike[str]]
 
-SUFFIXES = frozenset({".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".mpo", ".bmp"})
+SUFFIXES = VIDEO_SUFFIXES | {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".webp", ".mpo", ".bmp"}
 """Files of a folder that are uploaded; a file given by its own path is always uploaded."""
 
 UNREADABLE_SUFFIXES = frozenset(
@@ -55,11 +56,16 @@ class ImageFile:
         """Whether it is an image that is sent."""
         return self.readable and not self.is_unused_mask
 
+    @property
+    def subtitles(self) -> Path | None:
+        """The file with a video's subtitles; None without one."""
+        return find_subtitles(self.path) if is_video(self.name) else None
+
 
 def find_image_files(paths: Paths) -> list[ImageFile]:
     """The image files in ``paths``, each once, sorted within each folder.
 
-    A folder means all images in and below it except hidden ones; names keep the folders in between
+    A folder means all images and videos in and below it except hidden ones; names keep the folders in between
     (``left_0001.jpg``). Files in a folder ``masks`` are no images, but their masks (see ``find_mask``); those
     of no image come last.
     Raises ``FileNotFoundError`` for a path that does not exist.

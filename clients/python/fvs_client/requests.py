@@ -135,6 +135,12 @@ def remove_mask(scene_id: str, digest: str) -> Request:
     return Request("DELETE", f"{images_of(scene_id)}/{_part(digest)}/mask")
 
 
+def set_subtitles(scene_id: str, digest: str, subtitles: bytes) -> Request:
+    """Send the subtitles of a video, before the video."""
+    path = f"{images_of(scene_id)}/{_part(digest)}/subtitles"
+    return Request("PUT", path, {}, {"Content-Type": "application/x-subrip"}, body=subtitles)
+
+
 def delete_image(scene_id: str, digest: str) -> Request:
     """Delete an image."""
     return Request("DELETE", f"{images_of(scene_id)}/{_part(digest)}")

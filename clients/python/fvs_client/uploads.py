@@ -46,8 +46,8 @@ class UploadedFile:
 
     @property
     def usable(self) -> bool:
-        """Whether the file is in the scene and, as far as is known, accepted."""
-        return self.error is None and (self.image is None or self.image.accepted)
+        """Whether the file is in the scene and, as far as is known, can be used."""
+        return self.error is None and (self.image is None or not self.image.rejected)
 
 
 @dataclass(frozen=True)
@@ -75,7 +75,7 @@ class UploadReport:
     @property
     def rejected(self) -> tuple[UploadedFile, ...]:
         """The files that are in the scene and cannot be used; ``image`` has verdict, reason and hint."""
-        return tuple(file for file in self.files if file.image is not None and not file.image.accepted)
+        return tuple(file for file in self.files if file.image is not None and file.image.rejected)
 
     @property
     def without_mask(self) -> tuple[UploadedFile, ...]:

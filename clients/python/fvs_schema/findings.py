@@ -86,6 +86,9 @@ class FindingCode(Word):
     FRAMES_WITHOUT_POSITION = "frames-without-position"
     FRAMES_WITHOUT_ALTITUDE = "frames-without-altitude"
     FRAMES_ABOVE_ELLIPSOID = "frames-above-ellipsoid"
+    FRAMES_SPACED_WIDER = "frames-spaced-wider"
+    FRAMES_LEFT_OUT = "frames-left-out"
+    VIDEO_UNDECODABLE = "video-undecodable"
 
     FEW_STARTS = "few-starts"
     ALREADY_TRAINED = "already-trained"

@@ -19,6 +19,7 @@ from fvs_schema.quantities import (
     Number,
     PositionSigma,
     PositiveNumber,
+    Spacing,
     Tilt,
     Yaw,
 )
@@ -48,6 +49,8 @@ class Verdict(Word):
     TOO_LARGE = "too-large"
     TOO_NARROW = "too-narrow"
     """One side is too long for the other."""
+    VIDEO = "video"
+    """A video, whose frames become images of the scene."""
 
 
 class Registration(Word):
@@ -174,6 +177,9 @@ class ImageMetadata(Input):
     attitude_sigma_deg: AsText[AngleSigma] | None = Field(
         default=None, description="Standard deviation of the orientation about each axis."
     )
+    every_s: AsText[Spacing] | None = Field(
+        default=None, description="Spacing of the frames that are taken from a video; by default 1."
+    )
 
     @field_validator("name")
     @classmethod
@@ -197,7 +203,7 @@ class ImageMetadata(Input):
 
     def prior(self) -> Prior | None:
         """The prior of the request; None when nothing of it is given."""
-        given = self.model_dump(exclude={"name", "captured_at"}, exclude_none=True)
+        given = self.model_dump(exclude={"name", "captured_at", "every_s"}, exclude_none=True)
         if self.latitude_deg is not None:
             given.setdefault("altitude_datum", AltitudeDatum.SEA_LEVEL)
         return Prior(source=PriorSource.REQUEST, **given) if given else None
@@ -248,11 +254,22 @@ class Image(Output):
     """When the photograph was taken; null when that is not known."""
     received_at: Timestamp
     """When it arrived."""
+    video: Digest | None = None
+    """The video from which it was taken; null when it is no frame of one."""
+    every_s: Number | None = None
+    """Of a video: the spacing of the frames that are taken; null for images."""
+    frames: Count | None = None
+    """Of a video: the number of images that were made from it; null until all are, and for images."""
 
     @property
     def accepted(self) -> bool:
         """Whether it can be used."""
         return self.verdict is Verdict.ACCEPTED
+
+    @property
+    def rejected(self) -> bool:
+        """Whether it can neither be used nor, as a video, gives images that can."""
+        return self.verdict not in (Verdict.ACCEPTED, Verdict.VIDEO)
 
     @property
     def sha256(self) -> str:

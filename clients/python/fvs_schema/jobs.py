@@ -19,6 +19,8 @@ class JobKind(Word):
     """Register the pending images, and train the scene's models: a quick one, then the full one."""
     FINE = "fine"
     """Train the final model with the current cameras."""
+    FRAMES = "frames"
+    """Make images from the frames of the scene's videos. The upload of a video queues it."""
 
 
 class JobState(Word):
@@ -56,6 +58,13 @@ class JobRequest(Input):
     test_every: Annotated[int, Field(strict=True, ge=2, le=1_000), WHOLE] | None = None
     """Hold every n-th image out of the training of a `fine` model and evaluate the model on them (papers use
     8). By default it is trained on all images."""
+
+    @model_validator(mode="after")
+    def _frames_train_nothing(self) -> Self:
+        given = [name for name in ("iterations", "long_side_px") if getattr(self, name) is not None]
+        if given and self.kind is JobKind.FRAMES:
+            raise of_fields("a job that takes frames trains nothing", *given)
+        return self
 
     @model_validator(mode="after")
     def _only_fine_models_are_tested(self) -> Self:

@@ -66,3 +66,6 @@ FocalLength = Annotated[
 
 Days = Annotated[Number, Field(ge=0.01, le=36_500)]
 """Ages from a quarter of an hour to a century."""
+
+Spacing = Annotated[Number, Field(ge=0.02, le=3600)]
+"""Times in s between the frames that are taken from a video."""

@@ -245,7 +245,7 @@ class ImageCounts(Output):
     """Numbers of images."""
 
     received: Count = 0
-    """All images, accepted or not."""
+    """All images, accepted or not; videos do not count, but their frames do."""
     accepted: Count = 0
     """Images that can be used."""
     rejected: Count = 0

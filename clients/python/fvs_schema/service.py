@@ -27,6 +27,10 @@ class Limits(Input):
     """Maximum number of pixels per image."""
     image_decoding_bytes: _Bytes = 1024 * _MEGABYTE
     """Maximum memory for decoding an image, estimated from its header."""
+    video_bytes: _Bytes = 20 * _GIGABYTE
+    """Maximum size of a video file."""
+    video_s: float = Field(default=3600.0, ge=1, le=86_400)
+    """Maximum length of a video."""
     multipart_bytes: _Bytes = 1024 * _MEGABYTE
     """Maximum size of a form."""
     json_bytes: int = Field(default=1_500_000, ge=1_000, le=64 * _MEGABYTE)

@@ -33,7 +33,7 @@ class WorkerStatus(_message.Message):
     def __init__(self, id: _Optional[str] = ..., alive: _Optional[bool] = ..., heartbeat_age_s: _Optional[float] = ..., backend: _Optional[str] = ..., slots: _Optional[int] = ..., disk_full: _Optional[bool] = ..., runners: _Optional[int] = ..., runner_bytes: _Optional[int] = ..., work: _Optional[str] = ...) -> None: ...
 
 class Limits(_message.Message):
-    __slots__ = ("image_bytes", "image_pixels", "image_decoding_bytes", "multipart_bytes", "json_bytes", "images_per_scene", "scenes_per_tenant", "open_jobs_per_tenant", "running_jobs_per_tenant", "open_uploads_per_tenant", "rankings_at_once_per_tenant", "rankings_queued_per_scene", "rankings_queued_per_key", "ranking_timeout_s", "event_streams_per_tenant", "candidates_per_ranking", "refusals_per_key", "partial_uploads_per_tenant")
+    __slots__ = ("image_bytes", "image_pixels", "image_decoding_bytes", "multipart_bytes", "json_bytes", "images_per_scene", "scenes_per_tenant", "open_jobs_per_tenant", "running_jobs_per_tenant", "open_uploads_per_tenant", "rankings_at_once_per_tenant", "rankings_queued_per_scene", "rankings_queued_per_key", "ranking_timeout_s", "event_streams_per_tenant", "candidates_per_ranking", "refusals_per_key", "partial_uploads_per_tenant", "video_bytes", "video_s")
     IMAGE_BYTES_FIELD_NUMBER: _ClassVar[int]
     IMAGE_PIXELS_FIELD_NUMBER: _ClassVar[int]
     IMAGE_DECODING_BYTES_FIELD_NUMBER: _ClassVar[int]
@@ -52,6 +52,8 @@ class Limits(_message.Message):
     CANDIDATES_PER_RANKING_FIELD_NUMBER: _ClassVar[int]
     REFUSALS_PER_KEY_FIELD_NUMBER: _ClassVar[int]
     PARTIAL_UPLOADS_PER_TENANT_FIELD_NUMBER: _ClassVar[int]
+    VIDEO_BYTES_FIELD_NUMBER: _ClassVar[int]
+    VIDEO_S_FIELD_NUMBER: _ClassVar[int]
     image_bytes: int
     image_pixels: int
     image_decoding_bytes: int
@@ -70,7 +72,9 @@ class Limits(_message.Message):
     candidates_per_ranking: int
     refusals_per_key: int
     partial_uploads_per_tenant: int
-    def __init__(self, image_bytes: _Optional[int] = ..., image_pixels: _Optional[int] = ..., image_decoding_bytes: _Optional[int] = ..., multipart_bytes: _Optional[int] = ..., json_bytes: _Optional[int] = ..., images_per_scene: _Optional[int] = ..., scenes_per_tenant: _Optional[int] = ..., open_jobs_per_tenant: _Optional[int] = ..., running_jobs_per_tenant: _Optional[int] = ..., open_uploads_per_tenant: _Optional[int] = ..., rankings_at_once_per_tenant: _Optional[int] = ..., rankings_queued_per_scene: _Optional[int] = ..., rankings_queued_per_key: _Optional[int] = ..., ranking_timeout_s: _Optional[float] = ..., event_streams_per_tenant: _Optional[int] = ..., candidates_per_ranking: _Optional[int] = ..., refusals_per_key: _Optional[int] = ..., partial_uploads_per_tenant: _Optional[int] = ...) -> None: ...
+    video_bytes: int
+    video_s: float
+    def __init__(self, image_bytes: _Optional[int] = ..., image_pixels: _Optional[int] = ..., image_decoding_bytes: _Optional[int] = ..., multipart_bytes: _Optional[int] = ..., json_bytes: _Optional[int] = ..., images_per_scene: _Optional[int] = ..., scenes_per_tenant: _Optional[int] = ..., open_jobs_per_tenant: _Optional[int] = ..., running_jobs_per_tenant: _Optional[int] = ..., open_uploads_per_tenant: _Optional[int] = ..., rankings_at_once_per_tenant: _Optional[int] = ..., rankings_queued_per_scene: _Optional[int] = ..., rankings_queued_per_key: _Optional[int] = ..., ranking_timeout_s: _Optional[float] = ..., event_streams_per_tenant: _Optional[int] = ..., candidates_per_ranking: _Optional[int] = ..., refusals_per_key: _Optional[int] = ..., partial_uploads_per_tenant: _Optional[int] = ..., video_bytes: _Optional[int] = ..., video_s: _Optional[float] = ...) -> None: ...
 
 class Capabilities(_message.Message):
     __slots__ = ("version", "api", "methods", "generators", "image_formats", "job_kinds", "workers", "keys_required", "limits", "mission_formats")

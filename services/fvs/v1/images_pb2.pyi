@@ -23,6 +23,7 @@ class Verdict(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     VERDICT_TOO_SMALL: _ClassVar[Verdict]
     VERDICT_TOO_LARGE: _ClassVar[Verdict]
     VERDICT_TOO_NARROW: _ClassVar[Verdict]
+    VERDICT_VIDEO: _ClassVar[Verdict]
 
 class Registration(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -52,6 +53,7 @@ VERDICT_UNREADABLE: Verdict
 VERDICT_TOO_SMALL: Verdict
 VERDICT_TOO_LARGE: Verdict
 VERDICT_TOO_NARROW: Verdict
+VERDICT_VIDEO: Verdict
 REGISTRATION_UNSPECIFIED: Registration
 REGISTRATION_PENDING: Registration
 REGISTRATION_REGISTERED: Registration
@@ -186,6 +188,16 @@ class RemoveMaskRequest(_message.Message):
     digest: str
     def __init__(self, scene_id: _Optional[str] = ..., digest: _Optional[str] = ...) -> None: ...
 
+class SetSubtitlesRequest(_message.Message):
+    __slots__ = ("scene_id", "digest", "subtitles")
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    DIGEST_FIELD_NUMBER: _ClassVar[int]
+    SUBTITLES_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    digest: str
+    subtitles: bytes
+    def __init__(self, scene_id: _Optional[str] = ..., digest: _Optional[str] = ..., subtitles: _Optional[bytes] = ...) -> None: ...
+
 class DownloadImageRequest(_message.Message):
     __slots__ = ("scene_id", "digest", "start", "stop")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
@@ -229,7 +241,7 @@ class Prior(_message.Message):
     def __init__(self, source: _Optional[_Union[PriorSource, str]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., x_m: _Optional[float] = ..., y_m: _Optional[float] = ..., z_m: _Optional[float] = ..., yaw_deg: _Optional[float] = ..., pitch_deg: _Optional[float] = ..., roll_deg: _Optional[float] = ..., position_sigma_m: _Optional[float] = ..., attitude_sigma_deg: _Optional[float] = ...) -> None: ...
 
 class ImageMetadata(_message.Message):
-    __slots__ = ("name", "captured_at", "latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m", "yaw_deg", "pitch_deg", "roll_deg", "position_sigma_m", "attitude_sigma_deg")
+    __slots__ = ("name", "captured_at", "latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m", "yaw_deg", "pitch_deg", "roll_deg", "position_sigma_m", "attitude_sigma_deg", "every_s")
     NAME_FIELD_NUMBER: _ClassVar[int]
     CAPTURED_AT_FIELD_NUMBER: _ClassVar[int]
     LATITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
@@ -244,6 +256,7 @@ class ImageMetadata(_message.Message):
     ROLL_DEG_FIELD_NUMBER: _ClassVar[int]
     POSITION_SIGMA_M_FIELD_NUMBER: _ClassVar[int]
     ATTITUDE_SIGMA_DEG_FIELD_NUMBER: _ClassVar[int]
+    EVERY_S_FIELD_NUMBER: _ClassVar[int]
     name: str
     captured_at: _timestamp_pb2.Timestamp
     latitude_deg: float
@@ -258,10 +271,11 @@ class ImageMetadata(_message.Message):
     roll_deg: float
     position_sigma_m: float
     attitude_sigma_deg: float
-    def __init__(self, name: _Optional[str] = ..., captured_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., x_m: _Optional[float] = ..., y_m: _Optional[float] = ..., z_m: _Optional[float] = ..., yaw_deg: _Optional[float] = ..., pitch_deg: _Optional[float] = ..., roll_deg: _Optional[float] = ..., position_sigma_m: _Optional[float] = ..., attitude_sigma_deg: _Optional[float] = ...) -> None: ...
+    every_s: float
+    def __init__(self, name: _Optional[str] = ..., captured_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., x_m: _Optional[float] = ..., y_m: _Optional[float] = ..., z_m: _Optional[float] = ..., yaw_deg: _Optional[float] = ..., pitch_deg: _Optional[float] = ..., roll_deg: _Optional[float] = ..., position_sigma_m: _Optional[float] = ..., attitude_sigma_deg: _Optional[float] = ..., every_s: _Optional[float] = ...) -> None: ...
 
 class Image(_message.Message):
-    __slots__ = ("digest", "scene_id", "number", "name", "verdict", "reason", "hint", "warnings", "duplicate_of", "registration", "size_bytes", "format", "width_px", "height_px", "focal_length_px", "sharpness", "prior", "captured_at", "received_at", "finding", "mask")
+    __slots__ = ("digest", "scene_id", "number", "name", "verdict", "reason", "hint", "warnings", "duplicate_of", "registration", "size_bytes", "format", "width_px", "height_px", "focal_length_px", "sharpness", "prior", "captured_at", "received_at", "finding", "mask", "video", "every_s", "frames")
     DIGEST_FIELD_NUMBER: _ClassVar[int]
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     NUMBER_FIELD_NUMBER: _ClassVar[int]
@@ -283,6 +297,9 @@ class Image(_message.Message):
     RECEIVED_AT_FIELD_NUMBER: _ClassVar[int]
     FINDING_FIELD_NUMBER: _ClassVar[int]
     MASK_FIELD_NUMBER: _ClassVar[int]
+    VIDEO_FIELD_NUMBER: _ClassVar[int]
+    EVERY_S_FIELD_NUMBER: _ClassVar[int]
+    FRAMES_FIELD_NUMBER: _ClassVar[int]
     digest: str
     scene_id: str
     number: int
@@ -304,7 +321,10 @@ class Image(_message.Message):
     received_at: _timestamp_pb2.Timestamp
     finding: _findings_pb2.FindingCode
     mask: str
-    def __init__(self, digest: _Optional[str] = ..., scene_id: _Optional[str] = ..., number: _Optional[int] = ..., name: _Optional[str] = ..., verdict: _Optional[_Union[Verdict, str]] = ..., reason: _Optional[str] = ..., hint: _Optional[str] = ..., warnings: _Optional[_Iterable[_Union[ImageWarning, str]]] = ..., duplicate_of: _Optional[str] = ..., registration: _Optional[_Union[Registration, str]] = ..., size_bytes: _Optional[int] = ..., format: _Optional[str] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., focal_length_px: _Optional[float] = ..., sharpness: _Optional[float] = ..., prior: _Optional[_Union[Prior, _Mapping]] = ..., captured_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., received_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., finding: _Optional[_Union[_findings_pb2.FindingCode, str]] = ..., mask: _Optional[str] = ...) -> None: ...
+    video: str
+    every_s: float
+    frames: int
+    def __init__(self, digest: _Optional[str] = ..., scene_id: _Optional[str] = ..., number: _Optional[int] = ..., name: _Optional[str] = ..., verdict: _Optional[_Union[Verdict, str]] = ..., reason: _Optional[str] = ..., hint: _Optional[str] = ..., warnings: _Optional[_Iterable[_Union[ImageWarning, str]]] = ..., duplicate_of: _Optional[str] = ..., registration: _Optional[_Union[Registration, str]] = ..., size_bytes: _Optional[int] = ..., format: _Optional[str] = ..., width_px: _Optional[int] = ..., height_px: _Optional[int] = ..., focal_length_px: _Optional[float] = ..., sharpness: _Optional[float] = ..., prior: _Optional[_Union[Prior, _Mapping]] = ..., captured_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., received_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., finding: _Optional[_Union[_findings_pb2.FindingCode, str]] = ..., mask: _Optional[str] = ..., video: _Optional[str] = ..., every_s: _Optional[float] = ..., frames: _Optional[int] = ...) -> None: ...
 
 class ImageList(_message.Message):
     __slots__ = ("items", "next")

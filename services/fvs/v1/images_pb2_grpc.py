@@ -87,6 +87,11 @@ class ImageServiceStub:
                 request_serializer=fvs_dot_v1_dot_images__pb2.RemoveMaskRequest.SerializeToString,
                 response_deserializer=fvs_dot_v1_dot_images__pb2.Image.FromString,
                 _registered_method=True)
+        self.SetSubtitles = channel.unary_unary(
+                '/fvs.v1.ImageService/SetSubtitles',
+                request_serializer=fvs_dot_v1_dot_images__pb2.SetSubtitlesRequest.SerializeToString,
+                response_deserializer=google_dot_protobuf_dot_empty__pb2.Empty.FromString,
+                _registered_method=True)
         self.DownloadImage = channel.unary_stream(
                 '/fvs.v1.ImageService/DownloadImage',
                 request_serializer=fvs_dot_v1_dot_images__pb2.DownloadImageRequest.SerializeToString,
@@ -170,6 +175,14 @@ class ImageServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def SetSubtitles(self, request, context):
+        """Send the subtitles (SRT) that a DJI drone recorded with a video, before the video of this digest. They tell
+        where its frames were taken. Subtitles whose video does not come within a week are deleted.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
     def DownloadImage(self, request, context):
         """Download the original of an accepted image, byte for byte as it was sent, or a range of it.
         """
@@ -229,6 +242,11 @@ def add_ImageServiceServicer_to_server(servicer, server):
                     servicer.RemoveMask,
                     request_deserializer=fvs_dot_v1_dot_images__pb2.RemoveMaskRequest.FromString,
                     response_serializer=fvs_dot_v1_dot_images__pb2.Image.SerializeToString,
+            ),
+            'SetSubtitles': grpc.unary_unary_rpc_method_handler(
+                    servicer.SetSubtitles,
+                    request_deserializer=fvs_dot_v1_dot_images__pb2.SetSubtitlesRequest.FromString,
+                    response_serializer=google_dot_protobuf_dot_empty__pb2.Empty.SerializeToString,
             ),
             'DownloadImage': grpc.unary_stream_rpc_method_handler(
                     servicer.DownloadImage,
@@ -507,6 +525,33 @@ class ImageService:
             '/fvs.v1.ImageService/RemoveMask',
             fvs_dot_v1_dot_images__pb2.RemoveMaskRequest.SerializeToString,
             fvs_dot_v1_dot_images__pb2.Image.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def SetSubtitles(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.ImageService/SetSubtitles',
+            fvs_dot_v1_dot_images__pb2.SetSubtitlesRequest.SerializeToString,
+            google_dot_protobuf_dot_empty__pb2.Empty.FromString,
             options,
             channel_credentials,
             insecure,

@@ -14,6 +14,7 @@ from fvs_schema.images import Image, Registration, Verdict
 from fvs_service.errors import ConflictError, NotFoundError
 from fvs_service.events.repository import publish
 from fvs_service.images import repository
+from fvs_service.images.videos import remove_bytes
 from fvs_service.jobs.service import Jobs
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.lease import Lease, require_lease
@@ -65,6 +66,8 @@ class Exclusions:
             if not deleted:
                 raise NotFoundError("The scene has no such image.")
             for image in deleted:
+                if image.verdict is Verdict.VIDEO:
+                    remove_bytes(session, image)
                 remove_later(session, scene_id, image_key(scene_id, image.sha256))
                 if image.mask is not None:
                     mask = image.mask.removeprefix("sha256:")

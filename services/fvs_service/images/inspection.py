@@ -11,6 +11,7 @@ from pathlib import Path
 
 from PIL import Image
 
+from fvs_engine.errors import InvalidInputError
 from fvs_engine.images.focal import focal_length_px
 from fvs_engine.images.limits import (
     ImageLimits,
@@ -76,8 +77,7 @@ def inspect(path: Path, limits: ImageLimits) -> Inspection:
     try:
         decoded = decode(content, limits)
     except UnusableImageError as error:
-        verdict = next(verdict for kind, verdict in _VERDICTS if isinstance(error, kind))
-        return Inspection(verdict, _sentence(error.message), error.hint)
+        return _refused(error)
     image = decoded.rgb
     priors = read_priors(io.BytesIO(content))
     sharpness = measure_sharpness(image)
@@ -99,6 +99,34 @@ def inspect(path: Path, limits: ImageLimits) -> Inspection:
         ),
         priors=priors,
     )
+
+
+def inspect_video(path: Path, limits: ImageLimits, longest_s: float) -> Inspection:
+    """Read the header of a video of at most ``longest_s``; no content makes it raise."""
+    from fvs_engine.video.reading import open_video
+
+    try:
+        with open_video(path) as video:
+            size = video.stream.width, video.stream.height
+            duration_s = video.duration_s or 0.0
+            kind = video.container.format.name.partition(",")[0].upper()
+        limits.require(*size, 0)
+    except UnusableImageError as error:
+        return _refused(error)
+    except InvalidInputError as error:
+        return Inspection(Verdict.UNREADABLE, error.message.replace(str(path), "It"), error.hint)
+    if duration_s > longest_s:
+        return Inspection(
+            Verdict.TOO_LARGE,
+            f"It is {duration_s:.0f} s long, and videos may have {longest_s:.0f} s.",
+            "Cut it: ffmpeg -i VIDEO -c copy -f segment -segment_time 1800 -reset_timestamps 1 PART%d.mp4",
+        )
+    return Inspection(Verdict.VIDEO, format=kind, width_px=size[0], height_px=size[1])
+
+
+def _refused(error: UnusableImageError) -> Inspection:
+    verdict = next(verdict for kind, verdict in _VERDICTS if isinstance(error, kind))
+    return Inspection(verdict, _sentence(error.message), error.hint)
 
 
 @dataclass(frozen=True)

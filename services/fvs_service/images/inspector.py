@@ -20,7 +20,7 @@ from pebble import ProcessExpired, ProcessPool
 from fvs_engine.child_process import end_with_parent
 from fvs_engine.images.limits import ImageLimits
 from fvs_schema.images import Verdict
-from fvs_service.images.inspection import Inspection, MaskProblem, inspect, inspect_mask
+from fvs_service.images.inspection import Inspection, MaskProblem, inspect, inspect_mask, inspect_video
 
 Found = TypeVar("Found")
 
@@ -53,7 +53,7 @@ class Inspector:
         self._pool = ProcessPool(
             children,
             context=multiprocessing.get_context("spawn"),
-            initializer=_limit_child,
+            initializer=_prepare_child,
             initargs=(os.getpid(), int(_MEMORY_PER_DECODING * limits.max_decoding_bytes)),
         )
         self._pool.schedule(os.getpid)  # the pool starts its children with its first task
@@ -61,6 +61,10 @@ class Inspector:
     def inspect(self, path: Path) -> Inspection:
         """Return the verdict on the file at ``path``."""
         return self._within(_KILLED, inspect, path, self._limits)
+
+    def inspect_video(self, path: Path, longest_s: float) -> Inspection:
+        """Return the verdict on a video, by its header."""
+        return self._within(_KILLED, inspect_video, path, self._limits, longest_s)
 
     def mask_problem(self, folder: Path, name: str) -> MaskProblem | None:
         """Why the mask of the image ``name`` in ``folder`` cannot be used; None if it can be."""
@@ -83,14 +87,19 @@ class Inspector:
         self._pool.join()
 
 
-def _limit_child(parent: int, memory_bytes: int) -> None:
+def limit_child(parent: int, memory_bytes: int) -> None:
+    """In a child of a pool: limit its memory, and end with ``parent``."""
     resource.setrlimit(resource.RLIMIT_AS, (memory_bytes, memory_bytes))
     resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
+    end_with_parent(parent, kernel=False)  # the pool's threads make the children
+
+
+def _prepare_child(parent: int, memory_bytes: int) -> None:
     with contextlib.suppress(OSError, AttributeError):  # other C libraries have no mallopt
         c_library = ctypes.CDLL(None)
         c_library.mallopt(_M_MMAP_MAX, 0)
         c_library.mallopt(_M_TRIM_THRESHOLD, _KEPT_BYTES)
-    end_with_parent(parent, kernel=False)  # the pool's threads make the children
+    limit_child(parent, memory_bytes)
 
 
 def _run_within(function: Callable[..., Found], *arguments: object) -> Found:

@@ -9,7 +9,7 @@ from sqlalchemy.orm import Session
 from fvs_engine.wording import notice
 from fvs_schema.findings import Finding
 from fvs_schema.images import Image, KnownImage, Registration, Verdict
-from fvs_service.storage.tables import ImageRow, SceneRow
+from fvs_service.storage.tables import ImageRow, SceneRow, frames_not_taken
 
 _HEX = len("sha256:")
 _LEFT_OUT = [registration.value for registration in Registration if registration.left_out]
@@ -101,6 +101,35 @@ def known_images(session: Session, scene_id: str, digests: Collection[str]) -> d
                 mask=document["mask"],
             )
     return found
+
+
+def waiting_videos(session: Session, scene_id: str) -> tuple[Image, ...]:
+    """The videos of a scene whose frames are still to be taken, in the order of arrival."""
+    rows = session.scalars(
+        select(ImageRow).where(ImageRow.scene_id == scene_id, frames_not_taken()).order_by(ImageRow.number)
+    )
+    return tuple(map(_image, rows))
+
+
+def frames_of(session: Session, scene_id: str, video: str) -> dict[str, str]:
+    """The images that were made from a video: name → digest."""
+    rows = session.execute(
+        select(ImageRow.name, ImageRow.sha256).where(
+            ImageRow.scene_id == scene_id, ImageRow.document["video"].as_string() == video
+        )
+    )
+    return {name: f"sha256:{sha256}" for name, sha256 in rows}
+
+
+def change_video(session: Session, video: Image, verdict: Verdict, **values: object) -> Image | None:
+    """Write what became of a video; returns the changed one, None when it was deleted."""
+    row = session.get(ImageRow, (video.scene_id, video.sha256))
+    if row is None:
+        return None
+    row.verdict = verdict.value
+    row.document = {**row.document, "verdict": verdict.value, **values}
+    session.flush()
+    return _image(row)
 
 
 def next_number(session: Session, scene_id: str) -> int:

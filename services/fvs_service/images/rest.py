@@ -35,7 +35,7 @@ from fvs_service.gateway.rest.digests import declared_digest, repr_digest
 from fvs_service.gateway.rest.ranges import IfRange, RangeHeader, ranged_response
 from fvs_service.gateway.rest.routing import json_router
 from fvs_service.images.reception import Reception
-from fvs_service.images.upload_files import require_digest
+from fvs_service.images.upload_files import StagedFile, require_digest
 from fvs_service.images.upload_places import UploadPlace
 from fvs_service.images.uploads import Upload
 from fvs_service.principal import Principal
@@ -53,6 +53,7 @@ _ContentDigest = Annotated[str | None, Header(alias="Content-Digest", descriptio
 _BINARY: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
 _PUT: dict[str, Any] = {"requestBody": {"required": True, "content": {"application/octet-stream": _BINARY}}}
 _MASK: dict[str, Any] = {"requestBody": {"required": True, "content": {"image/png": _BINARY}}}
+_SUBTITLES: dict[str, Any] = {"requestBody": {"required": True, "content": {"application/x-subrip": _BINARY}}}
 _BYTES = {"content": dict.fromkeys(sorted({*MEDIA_TYPES.values()}), _BINARY)}
 _CONTENT: dict[int | str, dict[str, Any]] = {
     200: {"description": "The whole image.", **_BYTES},
@@ -90,7 +91,8 @@ async def upload_image(
 ) -> Image:
     """Send an image's bytes and return its verdict. Sending it again changes nothing.
 
-    The body may also have the media type of an image, such as `image/jpeg`.
+    The body may also have the media type of an image, such as `image/jpeg`. A file whose name is that of a
+    video (`.mp4`, `.mov`, `.mkv` …) is one: a job makes images from its frames.
     """
     digest = f"sha256:{hexadecimal}"
     require_digest(digest, declared_digest(repr_header), declared_digest(content_header))
@@ -141,22 +143,32 @@ async def set_mask(
     """
     _require_image_type(request)
     digest = f"sha256:{hexadecimal}"
-    with (
-        app.upload_places.place(caller, request.state.pace, declared_bytes(request)) as place,
-        app.uploads.receive() as receiver,
-    ):
-        async with place.receiving(), contextlib.aclosing(blocks(request)) as body:
-            async for block in body:
-                await to_its_end(run_in_threadpool(receiver.write, block))
-        mask = receiver.finish()
-        async with app.inspection_turns.turn(caller):
-            return await to_its_end(run_in_threadpool(app.masks.set, caller, scene_id, digest, mask))
+    async with _received_whole(app, caller, request) as mask, app.inspection_turns.turn(caller):
+        return await to_its_end(run_in_threadpool(app.masks.set, caller, scene_id, digest, mask))
 
 
 @router.delete("/images/sha256:{hexadecimal:plain}/mask")
 def remove_mask(app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex) -> Image:
     """Take the mask of an image away; no effect when it has none."""
     return app.masks.remove(caller, scene_id, f"sha256:{hexadecimal}")
+
+
+@router.put(
+    "/images/sha256:{hexadecimal:plain}/subtitles",
+    status_code=204,
+    response_class=Response,
+    openapi_extra=_SUBTITLES,
+)
+async def set_subtitles(
+    app: App, caller: SceneUploader, scene_id: SceneId, hexadecimal: Hex, request: Request
+) -> None:
+    """Send the subtitles (SRT) that a DJI drone recorded with a video, before the video of this digest.
+
+    They tell where its frames were taken. Subtitles whose video does not come within a week are deleted.
+    """
+    digest = f"sha256:{hexadecimal}"
+    async with _received_whole(app, caller, request) as file:
+        await to_its_end(run_in_threadpool(app.videos.set_subtitles, caller, scene_id, digest, file))
 
 
 @router.get("/images/sha256:{hexadecimal:plain}/content", response_class=Response, responses=_CONTENT)
@@ -187,6 +199,19 @@ def _attachment(name: str) -> str:
     """The header that names a download (RFC 6266)."""
     plain = "".join(letter if " " <= letter <= "~" and letter not in '"\\%' else "_" for letter in name)
     return f"attachment; filename=\"{plain}\"; filename*=UTF-8''{quote(name, safe='')}"
+
+
+@contextlib.asynccontextmanager
+async def _received_whole(app: Application, caller: Principal, request: Request) -> AsyncIterator[StagedFile]:
+    """The body of a request that cannot be continued when it breaks off."""
+    with (
+        app.upload_places.place(caller, request.state.pace, declared_bytes(request)) as place,
+        app.uploads.receive() as receiver,
+    ):
+        async with place.receiving(), contextlib.aclosing(blocks(request)) as body:
+            async for block in body:
+                await to_its_end(run_in_threadpool(receiver.write, block))
+        yield receiver.finish()
 
 
 async def _receive(
@@ -248,7 +273,7 @@ async def _received_unsized(
 
 def _require_image_type(request: Request) -> None:
     kind = request.headers.get("content-type", "application/octet-stream").partition(";")[0].strip().lower()
-    if kind != "application/octet-stream" and not kind.startswith("image/"):
+    if kind != "application/octet-stream" and not kind.startswith(("image/", "video/")):
         raise UnsupportedMediaTypeError(
             f"The body is {kind}.",
             hint="Send the bytes as application/octet-stream or an image's type.",

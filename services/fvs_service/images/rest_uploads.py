@@ -90,7 +90,7 @@ async def describe_uploads(app: App, _caller: Caller) -> Response:
     headers = {
         "Tus-Version": tus.VERSION,
         "Tus-Extension": tus.EXTENSIONS,
-        "Tus-Max-Size": str(app.storage.settings.limits.image_bytes),
+        "Tus-Max-Size": str(app.storage.settings.limits.video_bytes),
         "Tus-Checksum-Algorithm": ",".join(tus.ALGORITHMS),
     }
     return Response(status_code=HTTPStatus.NO_CONTENT, headers=headers)

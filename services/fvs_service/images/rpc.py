@@ -79,6 +79,15 @@ class ImageServicer:
         """Take the mask of an image away."""
         return self._app.masks.remove(caller, request.scene_id, digest_of(request))
 
+    async def set_subtitles(self, _call: Call, caller: Principal, request: pb.SetSubtitlesRequest) -> None:
+        """Keep the subtitles of a video that is sent next."""
+        await run_sync(self._app.scenes.require, caller, Scope.UPLOAD, request.scene_id)
+        digest = digest_of(request)
+        with self._app.uploads.receive() as receiver:
+            await run_sync(receiver.write, request.subtitles)
+            file = receiver.finish()
+            await to_its_end(run_sync(self._app.videos.set_subtitles, caller, request.scene_id, digest, file))
+
     async def download_image(
         self, _call: Call, caller: Principal, request: pb.DownloadImageRequest
     ) -> AsyncIterator[DownloadPart]:

@@ -26,6 +26,7 @@ from fvs_schema.images import (
 )
 from fvs_schema.scenes import AltitudeDatum, AutomaticWorld, LocalWorld, Origin, Scene
 from fvs_schema.service import Limits
+from fvs_schema.videos import is_video
 from fvs_service.errors import ConflictError, InvalidRequestError, NotFoundError, UnavailableError
 from fvs_service.events.repository import publish
 from fvs_service.images import repository
@@ -33,10 +34,11 @@ from fvs_service.images.files import blob_key
 from fvs_service.images.inspection import Inspection
 from fvs_service.images.inspector import Inspector
 from fvs_service.images.upload_files import StagedFile
+from fvs_service.images.videos import EVERY_S, require_kind
 from fvs_service.jobs.service import Jobs
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.repository import scene_of, set_origin
-from fvs_service.storage.blob_keys import image_key
+from fvs_service.storage.blob_keys import image_key, subtitles_key, video_key
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database
@@ -88,18 +90,28 @@ class Images:
         if found is None:
             self._require_room(scene)
             _require_frame(scene, metadata)
+            require_kind(metadata)
         return found
 
     def store(
-        self, principal: Principal, scene_id: str, staged: StagedFile, metadata: ImageMetadata
+        self,
+        principal: Principal,
+        scene_id: str,
+        staged: StagedFile,
+        metadata: ImageMetadata,
+        video: str | None = None,
     ) -> tuple[Image, bool]:
-        """Inspect and store a staged file; returns the image, and whether it is new to the scene."""
+        """Inspect and store a staged file; returns the image, and whether it is new to the scene.
+
+        ``video``: the digest of the video of which it is a frame. A job takes the frames of a new video.
+        """
         found = self.known(principal, scene_id, staged.digest, metadata)
         if found is not None:
             return found, False
-        inspection = self._inspector.inspect(staged.path)
-        if inspection.verdict is Verdict.ACCEPTED and not self._has_twin(scene_id, inspection):
-            key = blob_key(scene_id, staged.digest)
+        inspection = self._inspected(staged, metadata)
+        kept = inspection.verdict in (Verdict.ACCEPTED, Verdict.VIDEO)
+        key = _key_of(inspection.verdict, scene_id, staged.digest)
+        if kept and not self._has_twin(scene_id, inspection):
             with self._database.writing(scene_id, durable=False) as session:
                 scene_of(session, principal, scene_id)  # the inspection may have outlasted it
                 remove_later(session, scene_id, key, after=ABANDONED_AFTER)
@@ -108,22 +120,26 @@ class Images:
             scene = scene_of(session, principal, scene_id)
             found = repository.find_image(session, scene_id, staged.digest)
             if found is not None:  # the same bytes, sent twice at once
-                key = blob_key(scene_id, staged.digest)
                 if has_row(session, key):
                     keep(session, [key])
                 return found, False
             _require_frame(scene, metadata)
             twin = repository.same_pixels(session, scene_id, inspection.pixels_sha256)
-            if twin is None and inspection.verdict is Verdict.ACCEPTED:
-                self._require_stored(session, scene_id, staged)
+            if twin is None and kept:
+                self._require_stored(session, key)
             number = repository.next_number(session, scene_id)
             image = _image(scene, staged, metadata, inspection, twin, number)
+            image = image.model_copy(update={"video": video})
             repository.add_image(session, image, inspection.pixels_sha256)
             self._set_origin(session, scene, image)
             data = image.model_dump(mode="json", include={"digest", "name", "verdict", "reason", "warnings"})
             publish(session, scene_id, EventKind.IMAGE_RECEIVED, data, subject=image.digest)
             session.flush()
-            self._jobs.update_if_due(session, principal.tenant_id, scene_of(session, principal, scene_id))
+            if image.verdict is Verdict.VIDEO:
+                keep(session, [subtitles_key(scene_id, image.sha256)])
+                self._jobs.take_frames(session, principal.tenant_id, scene)
+            else:
+                self._jobs.update_if_due(session, principal.tenant_id, scene_of(session, principal, scene_id))
         return image, True
 
     def original(self, principal: Principal, scene_id: str, digest: str) -> Image:
@@ -170,13 +186,17 @@ class Images:
                 hint="Create another scene.",
             )
 
+    def _inspected(self, staged: StagedFile, metadata: ImageMetadata) -> Inspection:
+        if is_video(metadata.name or ""):
+            return self._inspector.inspect_video(staged.path, self._limits.video_s)
+        return self._inspector.inspect(staged.path)
+
     def _has_twin(self, scene_id: str, inspection: Inspection) -> bool:
         with self._database.reading() as session:
             return repository.same_pixels(session, scene_id, inspection.pixels_sha256) is not None
 
-    def _require_stored(self, session: Session, scene_id: str, staged: StagedFile) -> None:
+    def _require_stored(self, session: Session, key: str) -> None:
         """Raise when a deletion of the image has just removed the bytes that were stored for its row."""
-        key = image_key(scene_id, staged.digest.removeprefix("sha256:"))
         if not self._blobs.exists(key):
             raise UnavailableError(
                 "The image was deleted while it was sent.", hint="Send it again.", retry_after_s=1
@@ -200,6 +220,13 @@ class Images:
                 altitude_datum=prior.altitude_datum or AltitudeDatum.SEA_LEVEL,
             ),
         )
+
+
+def _key_of(verdict: Verdict, scene_id: str, digest: str) -> str:
+    """The blob key of what is stored with this verdict."""
+    if verdict is Verdict.VIDEO:
+        return video_key(scene_id, digest.removeprefix("sha256:"))
+    return blob_key(scene_id, digest)
 
 
 def _require_frame(scene: Scene, metadata: ImageMetadata) -> None:
@@ -270,6 +297,7 @@ def _image(
         prior=prior,
         captured_at=metadata.captured_at or inspection.captured_at,
         received_at=now(),
+        every_s=(metadata.every_s or EVERY_S) if verdict is Verdict.VIDEO else None,
     )
 
 

@@ -140,6 +140,12 @@ class Receiver:
         return StagedFile(self._path, self._writer.digest, self._writer.offset)
 
 
+def file_digest(path: Path) -> str:
+    """The digest of a file's bytes."""
+    with path.open("rb") as file:
+        return f"sha256:{hashlib.file_digest(file, 'sha256').hexdigest()}"
+
+
 def too_large(max_bytes: int) -> PayloadTooLargeError:
     """The error for a body that is larger than ``max_bytes``."""
     return PayloadTooLargeError(

@@ -26,8 +26,9 @@ from fvs_schema.base import Model, Timestamp
 from fvs_schema.images import ImageMetadata
 from fvs_schema.names import Digest
 from fvs_schema.quantities import Count
+from fvs_schema.videos import is_video
 from fvs_service.errors import LimitExceededError, NotFoundError
-from fvs_service.images.upload_files import Hash, Receiver, Room, StagedFile, Writer, too_large
+from fvs_service.images.upload_files import Hash, Receiver, Room, StagedFile, Writer, file_digest, too_large
 from fvs_service.storage.blobs import full_disk_as_error
 
 _ID = re.compile(r"upl_scn_[0-9a-z]+_[0-9a-f]{64}_[0-9]{1,18}")
@@ -81,9 +82,10 @@ class Uploads:
         spared_s: float,
         reserve_bytes: int,
         max_bytes: int,
+        max_video_bytes: int,
     ) -> None:
         folder.mkdir(parents=True, exist_ok=True)
-        self._folder, self._max_bytes = folder, max_bytes
+        self._folder, self._max_bytes, self._max_video_bytes = folder, max_bytes, max_video_bytes
         self._keep_s, self._per_tenant, self._spared_s = keep_s, per_tenant, spared_s
         self._room = Room(folder, reserve_bytes)
         self._lock = threading.Lock()
@@ -180,10 +182,7 @@ class Uploads:
         """
         part = self._part(upload)
         with self._kept(part):
-            if digest is None:
-                with part.open("rb") as file:
-                    digest = f"sha256:{hashlib.file_digest(file, 'sha256').hexdigest()}"
-            yield StagedFile(part, digest, upload.size_bytes)
+            yield StagedFile(part, digest or file_digest(part), upload.size_bytes)
             part.unlink(missing_ok=True)
 
     def receive(self) -> Receiver:
@@ -238,8 +237,9 @@ class Uploads:
                 part.touch()
 
     def _require_size(self, upload: Upload) -> None:
-        if upload.size_bytes > self._max_bytes:
-            raise too_large(self._max_bytes)
+        limit = self._max_video_bytes if is_video(upload.metadata.name or "") else self._max_bytes
+        if upload.size_bytes > limit:
+            raise too_large(limit)
 
     def _make_room(self, folder: Path) -> None:
         """Delete an upload if the tenant has too many; raises ``LimitExceededError``."""

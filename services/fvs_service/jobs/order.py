@@ -115,7 +115,7 @@ class Order:
 
     def update_of_scene_waits(self, job: OpenJob) -> bool:
         """Whether an update of its scene, which some worker can run, waits for ``job``, a fine model."""
-        if job.kind is JobKind.UPDATE or self._in_protected_turn(job):
+        if job.kind is not JobKind.FINE or self._in_protected_turn(job):
             return False
         return any(update.scene_id == job.scene_id for update in self._updates_for(self.workers_do))
 

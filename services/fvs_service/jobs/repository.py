@@ -10,7 +10,7 @@ from fvs_schema.stages import Stage
 from fvs_service.errors import NotFoundError
 from fvs_service.principal import Principal
 from fvs_service.storage.pages import Cursors, newest_first
-from fvs_service.storage.tables import ImageRow, JobMilestoneRow, JobRow
+from fvs_service.storage.tables import ImageRow, JobMilestoneRow, JobRow, frames_not_taken
 
 OPEN = (JobState.QUEUED.value, JobState.RUNNING.value)
 """The states of jobs that have not ended, as they are stored."""
@@ -82,6 +82,12 @@ def unprocessed_images(session: Session, scene_id: str) -> int:
         ImageRow.registration == "pending",
         ImageRow.number > (taken or 0),
     )
+    return session.scalar(query) or 0
+
+
+def waiting_videos(session: Session, scene_id: str) -> int:
+    """The number of the scene's videos whose frames are still to be taken."""
+    query = select(func.count()).where(ImageRow.scene_id == scene_id, frames_not_taken())
     return session.scalar(query) or 0
 
 

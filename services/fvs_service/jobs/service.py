@@ -44,6 +44,11 @@ class Jobs:
                     "A fine model needs the cameras of an update, and the scene has had none.",
                     hint='Run an update first (fvs-client update, a job {"kind": "update"}).',
                 )
+            if request.kind is JobKind.FRAMES and not repository.waiting_videos(session, scene_id):
+                raise ConflictError(
+                    "The scene has no video whose frames are still to be taken.",
+                    hint="Upload a video: that queues the job.",
+                )
             if request.kind is JobKind.UPDATE:
                 _require_settings_of(repository.first_update(session, scene_id), request)
             job = self._add(session, principal.tenant_id, scene, request)
@@ -96,6 +101,10 @@ class Jobs:
                 )
             self._require_room(session, principal.tenant_id)
             return self._with_waiting(session, retry(session, job) or job)
+
+    def take_frames(self, session: Session, tenant_id: str, scene: Scene) -> None:
+        """Queue the job that takes the frames of the scene's videos; in the transaction that adds one."""
+        self._add(session, tenant_id, scene, JobRequest(kind=JobKind.FRAMES), limited=False)
 
     def update_if_due(self, session: Session, tenant_id: str, scene: Scene) -> None:
         """Queue an update if the scene's policy requires one for its images.

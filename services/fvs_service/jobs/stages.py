@@ -1,8 +1,9 @@
 """The stages of jobs in one table, and the kinds of work that they belong to.
 
 An update begins with structure from motion, on the CPU, and continues with training, where a GPU helps; a
-fine model is training alone. Where workers are set to do one kind of work, each kind has a queue of its own:
-a job waits for a worker that does what it needs next.
+fine model is training alone, and frames are taken where structure from motion is computed. Where workers are
+set to do one kind of work, each kind has a queue of its own: a job waits for a worker that does what it needs
+next.
 """
 
 from collections.abc import Callable, Mapping
@@ -29,7 +30,7 @@ ALL_WORK = frozenset(Work)
 
 def first_work(kind: JobKind) -> Work:
     """What a job of this kind begins with."""
-    return Work.SFM if kind is JobKind.UPDATE else Work.TRAINING
+    return Work.TRAINING if kind is JobKind.FINE else Work.SFM
 
 
 def work_of(setting: str) -> frozenset[Work]:
@@ -81,25 +82,27 @@ def _per_training_pixel(size: JobSize) -> float:
 class StageOfJob:
     """What a stage means for a job.
 
-    ``update``, ``fine`` and ``first_model``: the shares of a job of each kind, or of the first model, where
-    the stage begins and ends. ``work``: what its time is proportional to. ``trains``: it resumes where it was
-    stopped, so that a job loses nothing there; other stages start again.
+    ``update``, ``fine``, ``frames`` and ``first_model``: the shares of a job of each kind, or of the first
+    model, where the stage begins and ends. ``work``: what its time is proportional to. ``trains``: it resumes
+    where it was stopped, so that a job loses nothing there; other stages start again.
     """
 
     update: tuple[float, float] = (0.0, 0.0)
     fine: tuple[float, float] = (0.0, 0.0)
+    frames: tuple[float, float] = (0.0, 0.0)
     first_model: tuple[float, float] = (0.0, 0.0)
     work: Callable[[JobSize], float] = _per_image
     trains: bool = False
 
     def part_of(self, kind: JobKind) -> tuple[float, float]:
         """Where it begins and ends as shares of a job of this kind."""
-        return self.update if kind is JobKind.UPDATE else self.fine
+        return {JobKind.UPDATE: self.update, JobKind.FINE: self.fine, JobKind.FRAMES: self.frames}[kind]
 
 
 STAGES: Mapping[Stage, StageOfJob] = {
     Stage.START: StageOfJob(work=_constant),
     Stage.RESTORE: StageOfJob(),
+    Stage.FRAMES: StageOfJob(frames=(0.00, 1.00), work=_per_new_image),
     Stage.IMAGES: StageOfJob(update=(0.00, 0.02), fine=(0.00, 0.01), work=_per_new_pixel),
     Stage.NORMALISE: StageOfJob(update=(0.02, 0.04), fine=(0.01, 0.02), work=_per_new_pixel),
     Stage.COMPILE: StageOfJob(update=(0.04, 0.05), work=_constant),

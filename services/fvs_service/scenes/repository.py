@@ -6,7 +6,7 @@ from datetime import datetime
 from typing import Any, TypeAlias
 
 from pydantic import TypeAdapter
-from sqlalchemy import Row, bindparam, func, null, select, update
+from sqlalchemy import Row, bindparam, func, null, or_, select, update
 from sqlalchemy.orm import Session
 
 from fvs_schema.control_points import ControlPoints
@@ -26,7 +26,14 @@ from fvs_service.errors import NotFoundError
 from fvs_service.principal import Principal
 from fvs_service.storage.database import Reader
 from fvs_service.storage.pages import Cursors, newest_first
-from fvs_service.storage.tables import ImageRow, SceneRow, SnapshotArtifactRow, SnapshotRow, columns_of
+from fvs_service.storage.tables import (
+    ImageRow,
+    SceneRow,
+    SnapshotArtifactRow,
+    SnapshotRow,
+    columns_of,
+    frames_not_taken,
+)
 
 _ALIGNMENT = TypeAdapter(Alignment)
 _SCENES = columns_of(SceneRow)
@@ -90,6 +97,12 @@ def find_scene_head(reader: Reader, scene_id: str) -> SceneHead:
     return _head(_head_row(reader, scene_id))
 
 
+def tenant_of(reader: Reader, scene_id: str) -> str:
+    """The tenant of a scene, for workers; raises ``NotFoundError``."""
+    tenant_id: str = _head_row(reader, scene_id).tenant_id
+    return tenant_id
+
+
 def scenes_of_tenant(session: Session, tenant_id: str, page: ScenePage) -> SceneList:
     """The scenes of a tenant, the newest first; refuses a cursor of another list."""
     query = select(SceneRow).where(SceneRow.tenant_id == tenant_id)
@@ -117,7 +130,9 @@ def size_of(session: Session, scene_id: str) -> SceneSize:
     """The disk space of a scene."""
     stored = ImageRow.document["size_bytes"].as_integer()
     images = session.scalar(
-        select(func.sum(stored)).where(ImageRow.scene_id == scene_id, ImageRow.verdict == "accepted")
+        select(func.sum(stored)).where(
+            ImageRow.scene_id == scene_id, or_(ImageRow.verdict == "accepted", frames_not_taken())
+        )
     )
     blobs = (
         select(SnapshotArtifactRow.sha256, SnapshotArtifactRow.size_bytes)
@@ -238,7 +253,7 @@ def _counts(session: Session, scene_id: str) -> ImageCounts:
         .where(ImageRow.scene_id == scene_id)
         .group_by(ImageRow.verdict, ImageRow.registration)
     ).all()
-    received = sum(count for _, _, count in rows)
+    received = sum(count for verdict, _, count in rows if verdict != "video")
     accepted = sum(count for verdict, _, count in rows if verdict == "accepted")
     of = {state: sum(n for _, found, n in rows if found == state) for state in ("pending", *_LEFT_OUT)}
     return ImageCounts(received=received, accepted=accepted, rejected=received - accepted, **of)

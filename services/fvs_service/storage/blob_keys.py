@@ -16,6 +16,16 @@ def mask_key(scene_id: str, image_sha256: str, sha256: str) -> str:
     return f"{scene_prefix(scene_id)}masks/{image_sha256}-{sha256}"
 
 
+def video_key(scene_id: str, sha256: str) -> str:
+    """The key of a video whose frames are not taken yet, by the digest of its bytes."""
+    return f"{scene_prefix(scene_id)}videos/{sha256}"
+
+
+def subtitles_key(scene_id: str, video_sha256: str) -> str:
+    """The key of a video's subtitles, by the digest of the video, which may come later."""
+    return f"{scene_prefix(scene_id)}subtitles/{video_sha256}"
+
+
 def artifact_key(scene_id: str, sha256: str) -> str:
     """The key of an artifact, by the digest of its bytes: equal artifacts of a scene are one blob."""
     return f"{scene_prefix(scene_id)}artifacts/{sha256}"

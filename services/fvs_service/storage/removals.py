@@ -25,6 +25,7 @@ from fvs_service.storage.tables import (
     SceneRow,
     SnapshotArtifactRow,
     SnapshotRow,
+    frames_not_taken,
 )
 
 _READ_AT_ONCE = 100
@@ -35,6 +36,8 @@ _TRACES_KEPT = timedelta(days=30)
 
 ABANDONED_AFTER = timedelta(hours=1)
 """When a blob is removed that got no row: its process was killed, or its transaction failed."""
+SUBTITLES_KEPT = timedelta(days=7)
+"""When the subtitles of a video are removed that never came: slow links take days."""
 
 _log = structlog.get_logger()
 
@@ -206,6 +209,10 @@ def has_row(session: Session, key: str) -> bool:
         case ["scenes", scene_id, "images", sha256]:
             found = exists().where(
                 ImageRow.scene_id == scene_id, ImageRow.sha256 == sha256, ImageRow.verdict == "accepted"
+            )
+        case ["scenes", scene_id, "videos" | "subtitles", sha256]:
+            found = exists().where(
+                ImageRow.scene_id == scene_id, ImageRow.sha256 == sha256, frames_not_taken()
             )
         case ["scenes", scene_id, "masks", digests]:
             image, _, mask = digests.partition("-")

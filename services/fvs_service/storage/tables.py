@@ -185,6 +185,11 @@ class ImageRow(Table):
     )
 
 
+def frames_not_taken() -> sqlalchemy.ColumnElement[bool]:
+    """The condition that an image is a video whose frames are still to be taken."""
+    return sqlalchemy.and_(ImageRow.verdict == "video", ImageRow.document["frames"].as_integer().is_(None))
+
+
 class JobRow(Recorded, Table):
     """A job. While it is queued or running, it waits, or is in a turn on the worker ``worker_id``.
 

@@ -10,7 +10,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
-from fvs_client import Client, Verdict
+from fvs_client import Client, ConflictError, Verdict
 from fvs_client.spool import Outbox, Settings, Spool, connection
 from fvs_client.spool.connection import Target
 from fvs_client.spool.draining import Drain
@@ -20,6 +20,7 @@ from fvs_client.spool.outbox import FILE_NAME
 from fvs_client.spool.photograph import State
 from fvs_client.spool.taking import take
 from PIL import Image as PillowImage
+from videos import textured, write_video
 
 
 class Field:
@@ -74,6 +75,18 @@ def test_photographs_arrive_with_their_metadata(field: Field, client: Client) ->
     assert images[1].captured_at is not None
     assert images[0].prior is None
     assert [photograph.verdict for photograph in field.outbox.all()] == ["accepted"] * 3
+
+
+def test_a_video_arrives_after_its_subtitles(field: Field, client: Client) -> None:
+    write_video(field.folder / "DJI_0003.MP4", [(float(n), textured(seed=n)) for n in range(2)])
+    (field.folder / "DJI_0003.SRT").write_text("1\n00:00:00,000 --> 00:00:01,000\n[latitude: 47]\n")
+    field.take()
+    assert field.drain() == [State.SENT] * 4
+    assert [photograph.verdict for photograph in field.outbox.all()] == [*["accepted"] * 3, "video"]
+    images = client.scenes.images(field.scene)
+    video = list(images.list())[-1]
+    with pytest.raises(ConflictError, match="subtitles are read with its frames"):
+        images.set_subtitles(video.digest, b"1")
 
 
 def test_the_newest_goes_first_when_asked_to(field: Field, client: Client) -> None:

@@ -60,7 +60,13 @@ def _make_and_delete(storage: Storage, rng: random.Random) -> None:
     """Change something, for ever."""
     scenes = Scenes(storage.database, storage.settings.limits)
     uploads = Uploads(
-        storage.settings.uploads, keep_s=1.0, per_tenant=1, spared_s=1.0, reserve_bytes=0, max_bytes=1
+        storage.settings.uploads,
+        keep_s=1.0,
+        per_tenant=1,
+        spared_s=1.0,
+        reserve_bytes=0,
+        max_bytes=1,
+        max_video_bytes=1,
     )
     deletions = Deletions(storage.database, uploads, storage.settings.removal_grace_s)
     while True:

@@ -31,7 +31,15 @@ def _uploads(
     folder: Path, monkeypatch: pytest.MonkeyPatch, *, free: int = 10_000, max_bytes: int = 1_000
 ) -> Uploads:
     monkeypatch.setattr(blobs, "free_bytes", lambda _: free)
-    return Uploads(folder, keep_s=60, per_tenant=9, spared_s=60, reserve_bytes=0, max_bytes=max_bytes)
+    return Uploads(
+        folder,
+        keep_s=60,
+        per_tenant=9,
+        spared_s=60,
+        reserve_bytes=0,
+        max_bytes=max_bytes,
+        max_video_bytes=max_bytes,
+    )
 
 
 def _upload(size_bytes: int, digit: str = "1") -> Upload:

@@ -183,7 +183,9 @@ def _send(uploads: Uploads, upload: Upload, content: bytes) -> None:
 
 
 def test_uploads_that_nobody_goes_on_with_expire(tmp_path: Path) -> None:
-    uploads = Uploads(tmp_path, keep_s=100, per_tenant=9, spared_s=1, reserve_bytes=0, max_bytes=9)
+    uploads = Uploads(
+        tmp_path, keep_s=100, per_tenant=9, spared_s=1, reserve_bytes=0, max_bytes=9, max_video_bytes=9
+    )
     for digit in "12":
         _send(uploads, _upload(digit), b"abc")
     (old,) = tmp_path.rglob(f"*{'1' * 64}*")
@@ -194,7 +196,9 @@ def test_uploads_that_nobody_goes_on_with_expire(tmp_path: Path) -> None:
 
 
 def test_of_too_many_uploads_the_smallest_gives_way_and_the_one_that_arrives_stays(tmp_path: Path) -> None:
-    uploads = Uploads(tmp_path, keep_s=100, per_tenant=2, spared_s=0, reserve_bytes=0, max_bytes=9)
+    uploads = Uploads(
+        tmp_path, keep_s=100, per_tenant=2, spared_s=0, reserve_bytes=0, max_bytes=9, max_video_bytes=9
+    )
     _send(uploads, _upload("1"), b"abc")
     _send(uploads, _upload("2"), b"ab")
     _send(uploads, _upload("3"), b"abcd")
@@ -209,7 +213,9 @@ def test_of_too_many_uploads_the_smallest_gives_way_and_the_one_that_arrives_sta
 
 
 def test_uploads_of_a_scene_go_with_it_and_those_that_cannot_go_on_with_the_gateway(tmp_path: Path) -> None:
-    uploads = Uploads(tmp_path, keep_s=100, per_tenant=9, spared_s=1, reserve_bytes=0, max_bytes=9)
+    uploads = Uploads(
+        tmp_path, keep_s=100, per_tenant=9, spared_s=1, reserve_bytes=0, max_bytes=9, max_video_bytes=9
+    )
     _send(uploads, _upload("1"), b"abc")
     _send(uploads, _upload("1", scene="scn_2"), b"abc")
     uploads.remove_scene("tenant", "scn_1")

@@ -97,7 +97,7 @@ def test_capabilities_name_the_workers(fleet: Any) -> None:
         ("worker-1", False),
     ]
     assert found["workers"][0]["backend"] == "cpu"
-    assert found["job_kinds"] == ["update", "fine"]
+    assert found["job_kinds"] == ["update", "fine", "frames"]
 
 
 def test_metrics_show_workers_queue_and_room(fleet: Any) -> None:

@@ -29,10 +29,11 @@ class AsyncSceneImages:
         on_progress: Callable[[UploadProgress], object] | None = None,
         describe: Describe | None = None,
     ) -> UploadReport:
-        """Upload image files, and folders with all images in them, ``parallel`` of them at a time.
+        """Upload images and videos, and folders with all that are in them, ``parallel`` of them at a time.
 
         Images that the scene has are not sent, so that repeating an interrupted upload resumes it. An image's
-        mask is sent after it (see ``fvs_schema.masks.find_mask``). A file that fails is in the report and
+        mask is sent after it (see ``fvs_schema.masks.find_mask``), and ``VIDEO.SRT`` before its video. A job
+        of the service takes the frames of a video. A file that fails is in the report and
         does not stop the others. ``describe`` returns metadata of a file (a position, a name).
         ``on_progress`` is called by one thread at a time: of ``Client`` by its upload threads, of
         ``AsyncClient`` by the event loop's.
@@ -59,6 +60,10 @@ class AsyncSceneImages:
     async def remove_mask(self, digest: str) -> Image:
         """Take the mask of an image away."""
         return await self._session.fetch(Image, requests.remove_mask(self._scene_id, digest))
+
+    async def set_subtitles(self, digest: str, subtitles: bytes) -> None:
+        """Send the subtitles (SRT) that a drone recorded with the video of this digest, before the video."""
+        await self._session.content(requests.set_subtitles(self._scene_id, digest, subtitles))
 
     async def check(self, digests: Iterable[str]) -> DigestAnswer:
         """Check which of these digests (``sha256:…``) the scene has."""

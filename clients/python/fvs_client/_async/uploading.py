@@ -129,6 +129,7 @@ class _Uploader:
         body = FileBody(item.path, item.size_bytes, self._counter.sent)
         request = requests.put_image(self._scene_id, item.digest, body, metadata)
         try:
+            await self._send_subtitles(item)
             content = await self._session.content(request)
         except (UnauthenticatedError, ForbiddenError, NotFoundError):
             raise
@@ -136,6 +137,12 @@ class _Uploader:
             return self._finish(UploadedFile(item.path, Outcome.FAILED, item.digest, error=error))
         sent = UploadedFile(item.path, Outcome.SENT, item.digest, parse(Image, content))
         return self._finish(await self._masked(item, sent) if sent.usable else sent)
+
+    async def _send_subtitles(self, item: HashedFile) -> None:
+        """Send what lies beside a video, and belongs to it."""
+        if item.file.subtitles is not None:
+            content = await run_blocking(item.file.subtitles.read_bytes)
+            await self._session.content(requests.set_subtitles(self._scene_id, item.digest, content))
 
     async def _known(self, item: HashedFile) -> UploadedFile:
         return await self._masked(item, UploadedFile(item.path, Outcome.ALREADY_THERE, item.digest))

@@ -128,6 +128,7 @@ class _Uploader:
         body = FileBody(item.path, item.size_bytes, self._counter.sent)
         request = requests.put_image(self._scene_id, item.digest, body, metadata)
         try:
+            self._send_subtitles(item)
             content = self._session.content(request)
         except (UnauthenticatedError, ForbiddenError, NotFoundError):
             raise
@@ -135,6 +136,12 @@ class _Uploader:
             return self._finish(UploadedFile(item.path, Outcome.FAILED, item.digest, error=error))
         sent = UploadedFile(item.path, Outcome.SENT, item.digest, parse(Image, content))
         return self._finish(self._masked(item, sent) if sent.usable else sent)
+
+    def _send_subtitles(self, item: HashedFile) -> None:
+        """Send what lies beside a video, and belongs to it."""
+        if item.file.subtitles is not None:
+            content = run_blocking(item.file.subtitles.read_bytes)
+            self._session.content(requests.set_subtitles(self._scene_id, item.digest, content))
 
     def _known(self, item: HashedFile) -> UploadedFile:
         return self._masked(item, UploadedFile(item.path, Outcome.ALREADY_THERE, item.digest))

@@ -16,7 +16,8 @@ from fvs_client.cli.session import confirm, find_scene, service
 from fvs_client.errors import NotFoundError
 from fvs_client.image_files import SUFFIXES, find_image_files
 from fvs_client.uploads import UploadProgress, UploadReport
-from fvs_schema.images import Image, Registration
+from fvs_schema.images import Image, ImageMetadata, Registration, Verdict
+from fvs_schema.videos import is_video
 
 ImageArguments = Annotated[
     list[str], typer.Argument(metavar="IMAGE", help="Names, numbers or digests of images.")
@@ -62,12 +63,21 @@ def upload(
     context: typer.Context,
     scene: SceneArgument,
     paths: Annotated[
-        list[Path], typer.Argument(metavar="PATH", exists=True, help="Image files, and folders of them.")
+        list[Path],
+        typer.Argument(metavar="PATH", exists=True, help="Images and videos, and folders of them."),
     ],
+    every: Annotated[
+        float | None,
+        typer.Option(min=0.02, max=3600.0, metavar="S", help="Spacing of videos' frames.", show_default="1"),
+    ] = None,
     parallel: Annotated[int, typer.Option(min=1, max=64, help="Number of files sent at a time.")] = 8,
     as_json: JsonOption = False,
 ) -> None:
-    """Upload images. Those that the scene has are not sent again, so repeating the command resumes it."""
+    """Upload images. Those that the scene has are not sent again, so repeating the command resumes it.
+
+    A job of the service makes images from the frames of a video (`fvs-client jobs`). VIDEO.SRT beside it, the
+    subtitles of a drone, tells where they were taken.
+    """
     if not any(file.sent for file in find_image_files(paths)):
         where = ", ".join(map(str, paths))
         raise typer.BadParameter(f"There is no image in {where}: no file in {', '.join(sorted(SUFFIXES))}.")
@@ -84,7 +94,10 @@ def upload(
                     reported.add(last.path)
                     shown.print(f"{last.path}: {describe_outcome(last)}")
 
-            report = images.upload(paths, parallel=parallel, on_progress=on_progress)
+            def describe(path: Path) -> ImageMetadata | None:
+                return ImageMetadata(every_s=every) if is_video(path.name) else None
+
+            report = images.upload(paths, parallel=parallel, on_progress=on_progress, describe=describe)
     if as_json:
         print_json(_document(report))
     else:
@@ -177,6 +190,9 @@ def _remarks(image: Image) -> str:
 
 def _summary(report: UploadReport) -> str:
     parts = [f"{len(report.sent)} sent ({report.bytes_sent / 1e6:,.1f} MB)"]
+    videos = sum(file.image is not None and file.image.verdict is Verdict.VIDEO for file in report.sent)
+    if videos:
+        parts.append(f"{videos} of them videos: `fvs-client jobs list` shows when their frames are images")
     if report.already_there:
         parts.append(f"{len(report.already_there)} there already")
     if report.rejected:

@@ -145,9 +145,11 @@ def _queue(
 
 
 def _wait(job: Job, timeout_s: float | None, *, as_json: bool) -> Job:
-    label = {JobKind.UPDATE: "Updating the model", JobKind.FINE: "Training the final model"}.get(
-        job.kind, job.kind
-    )
+    label = {
+        JobKind.UPDATE: "Updating the model",
+        JobKind.FINE: "Training the final model",
+        JobKind.FRAMES: "Taking frames from videos",
+    }.get(job.kind, job.kind)
     with display(label, as_json=as_json) as shown:
         return job.wait(timeout_s=timeout_s, on_progress=lambda now: job_progress(shown, now))
 

@@ -1,5 +1,6 @@
 """Send one photograph until the service has acknowledged its digest."""
 
+import contextlib
 import hashlib
 import json
 import os
@@ -15,10 +16,12 @@ from fvs_client.spool.photograph import Photograph, Refusal
 from fvs_client.spool.resumable import ResumableCarrier
 from fvs_client.spool.taking import digest_of
 from fvs_schema.masks import find_mask
+from fvs_schema.videos import find_subtitles, is_video
 
 _ACCEPTED = "accepted"
-_USABLE = frozenset({_ACCEPTED, "duplicate"})
-_INVALID = "invalid-request"
+_USABLE = frozenset({_ACCEPTED, "duplicate", "video"})
+_INVALID, _CONFLICT = "invalid-request", "conflict"
+_SRT = {"Content-Type": "application/x-subrip"}
 _CORRECT = "Correct its metadata, in its sidecar if it has one: then it is sent."
 
 
@@ -88,6 +91,7 @@ class Sender:
             if (status.st_size, status.st_mtime_ns) != (photograph.size_bytes, photograph.mtime_ns):
                 _require_content(photograph)
             try:
+                self._send_subtitles(photograph)
                 self._carrier.carry(photograph, file)
             except RefusedError as error:
                 if error.refusal.code != DAMAGED:
@@ -119,6 +123,20 @@ class Sender:
             reason = f"The scene has the photograph without its mask. {error.refusal.reason}"
             return replace(error.refusal, reason=reason)
         return None
+
+    def _send_subtitles(self, photograph: Photograph) -> None:
+        """Send what lies beside a video, and belongs to it, before its first byte."""
+        beside = find_subtitles(photograph.path) if is_video(photograph.name) else None
+        if beside is None or photograph.upload is not None:
+            return
+        path = f"/v1/scenes/{photograph.scene}/images/sha256:{photograph.digest}/subtitles"
+        with contextlib.suppress(FileNotFoundError):
+            content = beside.read_bytes()
+            try:
+                require_success(self._connection.ask("PUT", path, _SRT, content))
+            except RefusedError as error:
+                if error.refusal.code != _CONFLICT:  # the scene has the video
+                    raise
 
     def _acknowledgement(self, photograph: Photograph) -> Acknowledgement | None:
         """Request the verdict on a digest; None when the scene does not have it."""

@@ -66,10 +66,8 @@ class BodyGuard:
 
     def _limit(self, path: str, method: str) -> int:
         limits = self._settings.limits
-        if method == "PUT" and "/images/" in path:
-            return limits.image_bytes
-        if method in ("POST", "PATCH") and is_upload(path):
-            return limits.image_bytes
+        if (method == "PUT" and "/images/" in path) or (method in ("POST", "PATCH") and is_upload(path)):
+            return max(limits.image_bytes, limits.video_bytes)  # what it is, its name tells later
         if method == "POST" and path.endswith("/images"):
             return limits.multipart_bytes
         if path.endswith(_WITH_LISTS):

@@ -48,7 +48,8 @@ class RunJob(Record):
 
     Unless the worker ``trains``, the job ends when an update's images are registered.
 
-    ``images`` are the images that the job may use, ``camera`` the scene's focal length prior, ``origin`` that
+    A job that takes frames has ``videos``, and the scene ``room`` for so many images more. All others have
+    ``images``, those that the job may use, ``camera`` the scene's focal length prior, ``origin`` that
     of the world frame of their position priors and of its ``control`` points, ``snapshot_id`` the scene's
     latest snapshot, None before the first.
     """
@@ -62,6 +63,8 @@ class RunJob(Record):
     control: ControlPoints | None = None
     snapshot_id: str | None
     trains: bool = True
+    videos: tuple[Image, ...] = ()
+    room: int = 0
 
 
 class CancelJob(Record):
@@ -155,7 +158,7 @@ class JobOutcome(Record):
 
 
 class JobFinished(Record):
-    """What a job has made; None when a worker that trains must continue it."""
+    """What a job has made; None when a worker that trains must continue it, and of one that takes frames."""
 
     outcome: JobOutcome | None
 
@@ -190,6 +193,28 @@ class ModelMade(Record):
     outcome: JobOutcome
 
 
+class FrameTaken(Record):
+    """A frame of the video with this digest: a JPEG, named after its time, for the worker to store."""
+
+    kind: Literal["frame"] = "frame"
+    video: str
+    name: str
+    file: str
+
+
+class VideoTaken(Record):
+    """All frames of a video are taken; without any, ``reason`` and ``hint`` say why it cannot be used.
+
+    Findings name frames by their names.
+    """
+
+    kind: Literal["video"] = "video"
+    video: str
+    findings: tuple[Finding, ...] = ()
+    reason: str = ""
+    hint: str = ""
+
+
 class SceneWanted(Record):
     """Another worker asks for the scene: the worker that receives this gives up the scene and its job."""
 
@@ -197,7 +222,8 @@ class SceneWanted(Record):
 
 
 JobMessage = Annotated[
-    StageProgress | Warned | Quarantined | ModelMade | SceneWanted, Field(discriminator="kind")
+    StageProgress | Warned | Quarantined | ModelMade | FrameTaken | VideoTaken | SceneWanted,
+    Field(discriminator="kind"),
 ]
 """What a runner sends while a job runs."""
 JOB_MESSAGE: TypeAdapter[JobMessage] = TypeAdapter(JobMessage)

@@ -15,6 +15,7 @@ from fvs_engine.errors import Cancelled, EngineError
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.splat.raster import create_rasterizer
+from fvs_schema.jobs import JobKind
 from fvs_service.engine_errors import for_clients
 from fvs_service.errors import ConflictError, ServiceError
 from fvs_service.host.protocol.connection import Connection, RunnerGoneError
@@ -42,6 +43,7 @@ from fvs_service.host.runner.ranking import rank_views, render_view
 from fvs_service.host.runner.request_queue import Requester, RequesterGoneError, RequestQueue, Task
 from fvs_service.host.runner.scene_jobs import SceneJobs
 from fvs_service.host.runner.snapshot_models import SnapshotModels
+from fvs_service.host.runner.video_frames import VideoFrames
 from fvs_service.images.files import with_original_names
 from fvs_service.rankings.port import (
     GenerateViews,
@@ -71,6 +73,7 @@ class RunnerServer:
         self._models = SnapshotModels(scene_id, blobs, self._rasterizer)
         self._jobs = SceneJobs(folder, blobs, settings.worker, self._rasterizer, self._models)
         limits = settings.limits
+        self._videos = VideoFrames(folder, blobs, limits.video_s)
         self._requests = RequestQueue(limits.rankings_queued_per_scene, limits.rankings_queued_per_key)
         self._job_running = threading.Lock()
         # One for all jobs: the SfM child ends with its thread.
@@ -205,7 +208,11 @@ class RunnerServer:
             raise ConflictError("Another job is running.")
         try:
             self._worker = connection
-            self._monitor = JobMonitor(partial(_send_part, connection), self._requests)
+            send = partial(_send_part, connection)
+            self._monitor = JobMonitor(send, self._requests)
+            if request.request.kind is JobKind.FRAMES:
+                self._job_thread.submit(self._videos.take, request, self._monitor, send).result()
+                return JobFinished(outcome=None)
             outcome = self._job_thread.submit(
                 self._jobs.run,
                 request,

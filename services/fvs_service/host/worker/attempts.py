@@ -26,6 +26,7 @@ from fvs_service.host.worker.outcomes import Canceled, Failed, LeftToAnother, Ou
 from fvs_service.host.worker.progress import JobProgress, size_of
 from fvs_service.host.worker.resources import Room
 from fvs_service.host.worker.stop import JobStop
+from fvs_service.host.worker.taken_videos import TakenVideos
 from fvs_service.host.worker.working_copies import WorkingCopies
 from fvs_service.images.files import reason_of
 from fvs_service.images.repository import usable_images
@@ -108,6 +109,8 @@ class Attempts:
 
     def _compute_and_commit(self, leased: LeasedScene, job: Job) -> Outcome:
         """Compute and commit what no earlier start has committed."""
+        if job.kind is JobKind.FRAMES:
+            return self._take_frames(leased, job)
         if self._storage.ledger.milestone(job.id, Stage.SNAPSHOT) is not None:
             return Succeeded()
         images = self._images_of(leased, job)
@@ -146,11 +149,39 @@ class Attempts:
             spans.came_to(Stage.COMMIT)
             self._copies.store(leased.lease)
             self._commit(leased.lease, job, Stage.SNAPSHOT, made, images)
+        self._record_timing(leased, job, progress)
+        return Succeeded()
+
+    def _take_frames(self, leased: LeasedScene, job: Job) -> Outcome:
+        """Make images from the frames of the videos that wait; those of an earlier start are done."""
+        with (
+            TakenVideos(self._storage, leased.lease, job) as videos,
+            StageSpans(self._storage.tracing) as spans,
+        ):
+            request = videos.request()
+            progress = self._progress(job, request.videos, first=False)
+            outcome = Conversation(
+                self._storage,
+                leased,
+                job,
+                request,
+                JobStop(self._storage, self._room, leased, job),
+                progress,
+                spans,
+                lambda _milestone, _made: None,
+                lambda: self._scenes.stopping,
+                videos,
+            ).hold()
+        assert not isinstance(outcome, JobOutcome)
+        if isinstance(outcome, Succeeded):
+            self._record_timing(leased, job, progress)
+        return outcome
+
+    def _record_timing(self, leased: LeasedScene, job: Job, progress: JobProgress) -> None:
         timing = progress.finished()
         if timing is not None:
             document = timing.model_dump(mode="json")
             self._storage.ledger.commit_milestone(leased.lease, job.id, TIMING, document)
-        return Succeeded()
 
     def _images_of(self, scene: LeasedScene, job: Job) -> tuple[Image, ...]:
         """The images that had arrived when the attempt first started; all its starts use them."""

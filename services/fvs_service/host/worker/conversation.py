@@ -6,6 +6,7 @@ import threading
 import time
 from collections.abc import Callable
 from dataclasses import dataclass
+from functools import partial
 from typing import TypeAlias
 
 from fvs_engine.errors import Cancelled, NoProcessError, ProcessDiedError
@@ -19,6 +20,7 @@ from fvs_service.host.protocol.connection import Connection, RunnerError, Runner
 from fvs_service.host.protocol.messages import (
     JOB_MESSAGE,
     Failure,
+    FrameTaken,
     JobFinished,
     JobMessage,
     JobOutcome,
@@ -27,12 +29,21 @@ from fvs_service.host.protocol.messages import (
     RunJob,
     SceneWanted,
     StageProgress,
+    VideoTaken,
     Warned,
 )
 from fvs_service.host.worker.leased_scenes import LeasedScene
-from fvs_service.host.worker.outcomes import Failed, LeftToAnother, Outcome, Paused, StartAgain
+from fvs_service.host.worker.outcomes import (
+    Failed,
+    LeftToAnother,
+    Outcome,
+    Paused,
+    StartAgain,
+    Succeeded,
+)
 from fvs_service.host.worker.progress import JobProgress
 from fvs_service.host.worker.stop import JobStop
+from fvs_service.host.worker.taken_videos import TakenVideos
 from fvs_service.images.exclusion import quarantine
 from fvs_service.images.files import notice_of, reason_of
 from fvs_service.jobs.stages import Work
@@ -67,7 +78,8 @@ class StageSpans(contextlib.ExitStack):
 class Conversation:
     """Records a job's progress, warnings and quarantined images, and cancels or pauses it.
 
-    ``commit`` makes a snapshot of an update's first or quick model; ``stopping`` tells that the worker ends.
+    ``commit`` makes a snapshot of an update's first or quick model; ``stopping`` tells that the worker ends;
+    ``videos`` stores the frames that a job takes.
     """
 
     storage: Storage
@@ -79,6 +91,7 @@ class Conversation:
     spans: StageSpans
     commit: Callable[[str, JobOutcome], object]
     stopping: Callable[[], bool]
+    videos: TakenVideos | None = None
 
     def __post_init__(self) -> None:
         self._stage: Stage | None = None
@@ -100,6 +113,8 @@ class Conversation:
                 message = self._received.get(timeout=_POLL_S)
             match message:
                 case JobFinished():
+                    if self.videos is not None:
+                        return Succeeded()
                     if message.outcome is None:
                         return LeftToAnother(Work.TRAINING)
                     self.progress.add(StageProgress(stage=Stage.COMMIT, share=None))
@@ -134,7 +149,9 @@ class Conversation:
         finally:
             connection.close()
 
-    def _record(self, message: StageProgress | Warned | Quarantined | ModelMade) -> None:
+    def _record(
+        self, message: StageProgress | Warned | Quarantined | ModelMade | FrameTaken | VideoTaken
+    ) -> None:
         lease = self.scene.lease
         match message:
             case StageProgress(stage=stage):
@@ -149,6 +166,9 @@ class Conversation:
                 root = self.storage.settings.root
                 findings = {digest: reason_of(reason, root) for digest, reason in reasons.items()}
                 self._patiently(lambda: self._quarantine(findings))
+            case FrameTaken() | VideoTaken():
+                assert self.videos is not None
+                self._patiently(partial(self.videos.record, message))
             case Warned(finding=finding):
                 warning = notice_of(finding, self.request.images, self.storage.settings.root)
                 self._patiently(lambda: self.storage.ledger.warn(lease, self.job.id, warning))

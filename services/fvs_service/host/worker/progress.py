@@ -213,10 +213,12 @@ _LATER_UPDATE = {
     Stage.TRAINING: 4.7,
     Stage.SNAPSHOT: 0.5,
 }
+_FRAMES = {Stage.START: 0.5, Stage.FRAMES: 60.0}
 _FINE = {Stage.START: 0.5, Stage.LOAD: 1.6, Stage.TRAINING: 71.5, Stage.SNAPSHOT: 1.0}
 _TYPICAL: Mapping[tuple[JobKind, bool], Sequence[JobTiming]] = {
     (JobKind.UPDATE, True): (_typical(8, 8, 300, _FIRST_UPDATE),),
     (JobKind.UPDATE, False): (_typical(10, 2, 50, _LATER_UPDATE),),
     (JobKind.FINE, False): (_typical(10, 2, 600, _FINE),),
+    (JobKind.FRAMES, False): (_typical(2, 1, 1, _FRAMES),),
 }
 """Jobs of the scene fox on two busy cores, for services without finished jobs of their own."""

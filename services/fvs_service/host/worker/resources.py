@@ -15,6 +15,8 @@ from fvs_service.storage.blobs import free_bytes
 PROGRAM_BYTES = 700_000_000
 """A runner without a model: the interpreter, torch and Numba, and the SfM child. Measured on a
 simulated scene of 11 images at 160 px: peaks of 570 MB and 110 MB."""
+_DECODING_BYTES = 700_000_000
+"""A video's decoder with its process: 0.5 GB for 4K with 10 bits for each colour."""
 _IDLE_GAUSSIAN_BYTES = 2 * 4 * 59
 _SHARE = 0.75
 _POLL_S = 0.25
@@ -33,6 +35,8 @@ def memory_limit_bytes(settings: WorkerSettings) -> int:
 
 def job_need_bytes(request: JobRequest, images: tuple[Image, ...], settings: WorkerSettings) -> int:
     """An estimate of the most memory that a job needs, its runner included."""
+    if request.kind is JobKind.FRAMES:
+        return PROGRAM_BYTES + _DECODING_BYTES
     side = request.long_side_px or settings.long_side_px
     sizes = [reduced_size(image.width_px or side, image.height_px or side, side) for image in images]
     width, height = max(sizes, key=lambda size: size[0] * size[1], default=(side, side))

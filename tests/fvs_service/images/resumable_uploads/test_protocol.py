@@ -17,7 +17,7 @@ def test_options_tells_what_is_supported(gateway: Any) -> None:
     assert set(answer.headers["tus-extension"].split(",")) == {
         *("creation", "creation-with-upload", "expiration", "checksum", "termination")
     }
-    assert int(answer.headers["tus-max-size"]) == gateway.settings.limits.image_bytes
+    assert int(answer.headers["tus-max-size"]) == gateway.settings.limits.video_bytes
     assert set(answer.headers["tus-checksum-algorithm"].split(",")) == {"sha1", "sha256"}
 
 
