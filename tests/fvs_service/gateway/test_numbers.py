@@ -129,6 +129,7 @@ QUERIES: Mapping[str, list[dict[str, Any]]] = {
     "/v1/scenes/{scene_id}/images/sha256:{hexadecimal}": [
         {**VEHICLE, "altitude_datum": "sea-level", "attitude_sigma_deg": 2.0},
         {"x_m": 1.0, "y_m": 2.0, "z_m": 3.0, "yaw_deg": 0.0, "position_sigma_m": 0.1},
+        {"name": "a.mp4", "every_s": 1.0},
     ]
 }
 TINY = "5e-324"

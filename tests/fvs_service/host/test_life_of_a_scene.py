@@ -14,6 +14,7 @@ import httpx2
 import numpy as np
 import pytest
 from PIL import Image
+from videos import textured, write_video
 
 from fvs_engine.geometry.geodetic import GeodeticPosition, geodetic_from_enu
 from fvs_engine.sfm.colmap.model import read_colmap
@@ -318,6 +319,25 @@ def test_a_child_that_is_killed_every_time_fails_the_job_which_can_be_retried(
     assert found["error"]["hint"]
     service.client.post(f"/v1/jobs/{job}:retry")
     assert service.finish(job)["attempt"] == 2
+
+
+def test_frames_of_a_video_outlive_their_runner(service: Any, tmp_path: Path) -> None:
+    """The runner that takes them is killed; no frame is missing then, and none is there twice."""
+    scene = service.scene()
+    frames = [(0.1 * n, textured(540, 960, seed=n)) for n in range(40)]
+    service.send(scene, [write_video(tmp_path / "flight.mp4", frames)], every_s=0.1)
+    job = service.client.get(f"/v1/scenes/{scene}/jobs").json()["items"][0]["id"]
+
+    def images() -> list[dict[str, Any]]:
+        return service.client.get(f"/v1/scenes/{scene}/images", params={"limit": 100}).json()["items"]
+
+    _until(lambda: len(images()) > 2)
+    for runner in service.processes(RUNNER):  # of which one is that of the scene
+        os.kill(runner, signal.SIGKILL)
+    service.finish(job)
+    video, *taken = images()
+    assert video["frames"] == len(taken) == len({image["name"] for image in taken}) == 40
+    assert not list(service.root.glob(f"scenes/{scene}/outcome/*"))
 
 
 def test_control_points_align_the_next_update(service: Any, modelled: str, tmp_path: Path) -> None:

@@ -179,8 +179,9 @@ def test_what_a_job_took_is_known_by_stage() -> None:
 @pytest.mark.parametrize("kind", JobKind)
 def test_progress_never_falls_and_reaches_the_end(kind: JobKind) -> None:
     progress, reached = JobProgress(kind, _SIZE.model_copy(update={"first": False}), ()), [0.0]
-    stages = ("images", "first-model", "features", "matching", "incremental-mapping", "global-mapping")
-    for stage in (*stages, "score", "load", "quick-training", "quick-snapshot", "training", "snapshot"):
+    stages = ("frames", "images", "first-model", "features", "matching", "incremental-mapping")
+    later = ("global-mapping", "score", "load", "quick-training", "quick-snapshot", "training", "snapshot")
+    for stage in (*stages, *later):
         for share in (0.0, 0.5, 1.0, None):
             progress.add(StageProgress(stage=stage, share=share))
             reached.append(progress.reached)
