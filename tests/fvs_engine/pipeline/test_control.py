@@ -132,5 +132,5 @@ def test_a_failure_keeps_the_earlier_alignment(made: GeoreferencedFolder) -> Non
 def test_points_of_another_zone_than_gps_are_refused(made: GeoreferencedFolder) -> None:
     file = _list(made)
     file.write_text(file.read_text().replace("30N", "31N"))
-    with pytest.raises(InvalidInputError, match="km from where the scene is"):
+    with pytest.raises(InvalidInputError, match="km from where GPS or the origin"):
         align_folder(made.root, file)
