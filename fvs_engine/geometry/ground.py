@@ -16,10 +16,14 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True)
 class GroundCheck:
-    """The names of positions ``under`` the ground, and of those where it has no height (``unknown``)."""
+    """The names of positions ``under`` the ground, and of those where it has no height (``unknown``).
+
+    ``compared``: the number of all.
+    """
 
     under: tuple[str, ...] = ()
     unknown: tuple[str, ...] = ()
+    compared: int = 0
 
     @classmethod
     def of(
@@ -48,7 +52,7 @@ class GroundCheck:
                 f"{latitude_deg:.6f}, {longitude_deg:.6f}.",
                 hint="Give a terrain that covers the scene, without holes there.",
             )
-        return cls(tuple(under), tuple(unknown))
+        return cls(tuple(under), tuple(unknown), len(positions_m))
 
 
 def require_datum(terrain: Terrain, datum: AltitudeDatum) -> None:

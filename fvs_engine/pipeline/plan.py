@@ -123,7 +123,7 @@ def plan_next_views(
         space=space,
         monitor=monitor,
     )
-    plan = plan.model_copy(update={"warnings": (*ground_findings(ground, len(found)), *plan.warnings)})
+    plan = plan.model_copy(update={"warnings": (*ground_findings(ground), *plan.warnings)})
     for finding in (*few_registrable(plan.registrable, len(candidates)), *plan.warnings):
         monitor.warn(finding)
     by_name = {view.name: view for view in candidates}

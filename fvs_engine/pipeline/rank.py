@@ -100,7 +100,7 @@ def rank_candidates(
     for finding in (
         *few_registrable(ranked.registrable, len(above)),
         *none_feasible(item.status for item in in_order),
-        *unknown_ground(ground, len(candidates)),
+        *unknown_ground(ground),
     ):
         monitor.warn(finding)
     by_name = {candidate.name: candidate for candidate in candidates}

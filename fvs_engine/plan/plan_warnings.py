@@ -73,17 +73,17 @@ def candidates_too_close(left_out: int, count: int) -> Iterator[Finding]:
         yield Finding.of(FindingCode.TOO_CLOSE, left_out=left_out, of=count)
 
 
-def ground_findings(ground: GroundCheck, count: int) -> Iterator[Finding]:
-    """The findings that some of ``count`` candidates are under the ground, or where it has no height."""
+def ground_findings(ground: GroundCheck) -> Iterator[Finding]:
+    """The findings that some candidates are under the ground, or where it has no height."""
     if ground.under:
-        yield Finding.of(FindingCode.UNDER_GROUND, candidates=ground.under, of=count)
-    yield from unknown_ground(ground, count)
+        yield Finding.of(FindingCode.UNDER_GROUND, candidates=ground.under, of=ground.compared)
+    yield from unknown_ground(ground)
 
 
-def unknown_ground(ground: GroundCheck, count: int) -> Iterator[Finding]:
-    """The finding that it is not known of some of ``count`` candidates whether they are under the ground."""
+def unknown_ground(ground: GroundCheck) -> Iterator[Finding]:
+    """The finding that it is not known of some candidates whether they are under the ground."""
     if ground.unknown:
-        yield Finding.of(FindingCode.GROUND_UNKNOWN, candidates=ground.unknown, of=count)
+        yield Finding.of(FindingCode.GROUND_UNKNOWN, candidates=ground.unknown, of=ground.compared)
 
 
 def copied_candidates(one_of_pose: Mask) -> Iterator[Finding]:

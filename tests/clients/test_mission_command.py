@@ -13,6 +13,7 @@ from rasterio.transform import Affine
 from typer.testing import Result
 
 from fvs_schema.scenes import Alignment, AlignmentStatus
+from fvs_schema.terrain import Terrain
 
 Run = Callable[..., Result]
 
@@ -176,3 +177,26 @@ def test_files_that_cannot_be_written_are_errors_of_one_line(run: Run, gateway: 
         lines = _said(run(*words, expect=2)).splitlines()
         assert lines[-1].startswith(f"Error: {taken}"), lines
     assert taken.read_text() == "a file"
+
+
+def test_the_ground_may_be_that_of_the_points(run: Run, gateway: Any, tmp_path: Path) -> None:
+    origin = {"latitude_deg": 46.02, "longitude_deg": 7.75, "altitude_m": 500.0}
+    ground = Terrain(
+        **{"south_deg": 46.01, "west_deg": 7.74, "latitude_step_deg": 0.02, "longitude_step_deg": 0.01},
+        **{"columns": 3, "heights_m": (-3500.0, 500.0, 4500.0) * 2},
+    )
+    scene = gateway.scene(world={"kind": "enu", "origin": origin})
+    aligned = Alignment(status=AlignmentStatus.ALIGNED, scale=10.0)
+    gateway.model(scene, alignment=aligned, terrain=ground)
+    asked = (scene, "--generator", "orbit", "--count", 12, "--terrain", "points", "--json")
+    statuses = {item["id"]: item["status"] for item in json.loads(run("rank", *asked).stdout)["candidates"]}
+    plan = json.loads(run("plan", *asked).stdout)
+    (found,) = [one for one in plan["warnings"] if one["code"] == "under-ground"]
+    assert set(found["candidates"]) == {name for name, status in statuses.items() if status == "under-ground"}
+    over = ("--home", "46.02,7.75", "--terrain", "points", "--leave-out", "--out", tmp_path)
+    run("mission", plan["id"], *over, "--format", "csv")
+    (file,) = tmp_path.glob("*.csv")
+    height_m = float(file.read_text().splitlines()[1].split(",")[5])
+    stop = next(one for one in plan["tours"][0]["stops"] if one["id"] in file.read_text())
+    assert height_m == pytest.approx(stop["pose"]["altitude_m"] - 500.0, abs=0.01)
+    assert "There is no file dem.tif" in run("rank", scene, "--terrain", "dem.tif", expect=2).stderr

@@ -208,15 +208,35 @@ def test_views_are_ranked_and_rendered(compare: Compare) -> None:
     compare(scenario)
 
 
+_PLACE = {"latitude_deg": 46.02, "longitude_deg": 7.75, "altitude_m": 500.0, "altitude_datum": "sea-level"}
+
+
+def test_candidates_under_the_ground_are_named(compare: Compare) -> None:
+    corner = {"south_deg": 46.01, "west_deg": 7.74, "latitude_step_deg": 0.02, "longitude_step_deg": 0.01}
+    terrain = {"kind": "heights", **corner, "columns": 3, "heights_m": [-3500.0, 500.0, 4500.0] * 2}
+    over = {"generator": {"kind": "orbit", "count": 12}, "terrain": terrain}
+
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene(world={"kind": "enu", "origin": _PLACE})
+        model_of(tenant, scene, Alignment(status=AlignmentStatus.ALIGNED, scale=10.0))
+        plan = tenant.call("PlanViews", over, scene_id=scene).result
+        (found,) = [one for one in plan["warnings"] if one["code"] == "under-ground"]
+        ranking = tenant.call("RankViews", over, scene_id=scene).result
+        statuses = {one["id"]: one["status"] for one in ranking["candidates"]}
+        assert {name for name, status in statuses.items() if status == "under-ground"} == set(
+            found["candidates"]
+        )
+        of_points = {**over, "terrain": {"kind": "points"}}
+        for call in ("PlanViews", "RankViews"):
+            few = refused(tenant.call(call, of_points, scene_id=scene), "invalid-request")
+            assert "sparse points" in few.message
+
+    compare(scenario)
+
+
 @pytest.mark.system
 def test_views_become_missions(compare: Compare) -> None:
-    origin = {
-        "latitude_deg": 46.02,
-        "longitude_deg": 7.75,
-        "altitude_m": 500.0,
-        "altitude_datum": "sea-level",
-    }
-    aligned = Alignment(status=AlignmentStatus.ALIGNED, scale=10.0)
+    origin, aligned = _PLACE, Alignment(status=AlignmentStatus.ALIGNED, scale=10.0)
 
     def scenario(tenant: Any) -> None:
         flat = tenant.scene()

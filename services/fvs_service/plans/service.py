@@ -170,9 +170,7 @@ class Plans:
             poses = self._frames.candidates(request.candidates, generator, frame, geometry)
             taken = tuple(begun.taken.values())
             photographed = geometry.visited(poses) | geometry.same_view(poses, taken)
-        ground = begun.ground(poses)
-        left_out = photographed.union(ground.under)
-        left = {name: pose for name, pose in poses.items() if name not in left_out}
+        ground, left = begun.above_ground(poses, photographed)
         if not left:
             under = f", or are under the ground ({len(ground.under)})" if ground.under else ""
             raise InvalidRequestError(
@@ -288,7 +286,7 @@ def _plan(prepared: _Prepared, plan: engine_records.Plan) -> Plan:
             registrable=plan.registrable,
             wanted=wanted_of(request.generator),
             made=len(poses),
-            more=(*ground_findings(prepared.ground, len(poses)), *plan.warnings),
+            more=(*ground_findings(prepared.ground), *plan.warnings),
         ),
         created_at=now(),
     )

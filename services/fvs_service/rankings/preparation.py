@@ -85,9 +85,17 @@ class Begun(Generic[RequestT]):
         poses = await run_sync(in_world, generated.views, self.frame)
         return poses, time.monotonic() - began
 
-    def ground(self, poses: Mapping[str, RigidTransform]) -> GroundCheck:
-        """Compare candidates (id → world_from_camera) with the request's terrain, if it has one."""
-        return ground_check(poses, self.frame, self.terrain)
+    def above_ground(
+        self, poses: Mapping[str, RigidTransform], but: Collection[str]
+    ) -> tuple[GroundCheck, Mapping[str, RigidTransform]]:
+        """Compare candidates (id → world_from_camera), ``but`` some, with the terrain, if there is one.
+
+        Returns also those of them that are not under it.
+        """
+        left = {name: pose for name, pose in poses.items() if name not in but}
+        ground = ground_check(left, self.frame, self.terrain)
+        under = frozenset(ground.under)
+        return ground, {name: pose for name, pose in left.items() if name not in under}
 
     def _generation(self) -> GenerateViews:
         request, frame = self.request, self.frame
@@ -117,10 +125,10 @@ class BegunRanking(Begun[RankingRequest]):
         """The ranking of candidates at ``poses`` (id → world_from_camera), which took ``spent_s`` to find."""
         request, frame, current = self.request, self.frame, self.current
         distances = _distances(poses, current)
-        ground = self.ground(poses)
-        excluded = _excluded(
-            poses, distances, self.geometry, self.taken, request.radius_m, frozenset(ground.under)
-        )
+        visited = self.geometry.visited(poses)
+        taken = self.geometry.same_view(poses, tuple(self.taken.values()))
+        ground, _ = self.above_ground(poses, visited | taken)
+        excluded = _excluded(poses, distances, visited, taken, frozenset(ground.under), request.radius_m)
         scored = {name: pose for name, pose in poses.items() if name not in excluded}
         later = {
             name: poses[name]
@@ -176,20 +184,18 @@ def _distances(poses: Mapping[str, RigidTransform], current: NDArray[np.float64]
 def _excluded(
     poses: Mapping[str, RigidTransform],
     distances: Mapping[str, float],
-    geometry: SceneGeometry,
-    taken: Mapping[str, RigidTransform],
-    radius: float | None,
+    visited: Collection[str],
+    taken: Collection[str],
     below: Collection[str],
+    radius: float | None,
 ) -> dict[str, engine.RankedCandidate]:
     """The candidates that are not scored, by id; nearest first, then by id."""
     found: dict[str, engine.RankedCandidate] = {}
-    visited = geometry.visited(poses)
-    taken_views = geometry.same_view(poses, tuple(taken.values()))
     for name in sorted(poses, key=lambda name: (distances.get(name, 0.0), name)):
         distance = distances.get(name)
         if name in visited:
             status = CandidateStatus.VISITED
-        elif name in taken_views:
+        elif name in taken:
             status = CandidateStatus.TAKEN
         elif name in below:
             status = CandidateStatus.UNDER_GROUND

@@ -249,7 +249,7 @@ class Rankings:
                 ],
                 wanted=wanted_of(request.generator),
                 made=len(prepared.poses),
-                more=unknown_ground(prepared.ground, len(prepared.poses)),
+                more=unknown_ground(prepared.ground),
             ),
             created_at=now(),
         )

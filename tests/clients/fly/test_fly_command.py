@@ -55,6 +55,7 @@ def scene_id(client: Client) -> str:
         (("--leg", "0"), "--leg"),
         (("--system", "255"), "--system"),
         (("--geofence", "47.3,8.5;47.4,8.5;north"), "'north' is not a latitude,longitude"),
+        (("--terrain", __file__), "is no height model"),
     ],
 )
 def test_options_that_do_not_fit_are_refused(

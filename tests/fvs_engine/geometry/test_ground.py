@@ -85,7 +85,7 @@ def test_positions_are_under_the_ground_above_it_or_not_judged() -> None:
         "far": np.array([0.0, 5_000.0, -50.0]),
     }
     check = GroundCheck.of(positions_m, HOME, _terrain(500.0, 500.0, NO_HEIGHT_M))
-    assert check == GroundCheck(("under",), ("beside a hole", "far"))
+    assert check == GroundCheck(("under",), ("beside a hole", "far"), 4)
     assert GroundCheck.of({}, HOME, _terrain(500.0, 500.0, 500.0)) == GroundCheck()
 
 

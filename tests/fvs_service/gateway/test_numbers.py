@@ -103,6 +103,7 @@ REQUESTS: Mapping[str, list[dict[str, Any]]] = {
             **{"vehicles": [FRAME], "views": 2, "distance_m": 1e4, "home": True},
         },
         {"candidates": [{"id": "a", "pose": VEHICLE}], "vehicles": [VEHICLE], "views": 2},
+        {"candidates": [{"id": "a", "pose": VEHICLE}], "vehicles": [VEHICLE], "terrain": TERRAIN},
         {"generator": {"kind": "orbit", "count": 2, "radius_m": 120.0, "height_m": 1.0}, "views": 2},
         {"generator": {"kind": "grid", "columns": 1, "rows": 1, "height_m": 120.0, "look": "down"}},
         {  # the volumes are those of rankings

@@ -37,7 +37,7 @@ from fvs_client.fly.log import FlightLog
 from fvs_client.fly.photographs import Photographs
 from fvs_client.fly.survey import Survey
 from fvs_client.fly.vehicle import Vehicle
-from fvs_client.height_model import HeightModel
+from fvs_client.height_model import HeightModel, HeightModelError
 from fvs_client.service_url import DEFAULT_URL
 from fvs_client.spool.errors import SpoolError
 from fvs_schema.fence import Fence
@@ -213,7 +213,10 @@ def fly(
     mission["speed_m_s"] = speed
     if geoid is not None:
         mission["geoid_height_m"] = geoid
-    heights = None if terrain is None else HeightModel(terrain)
+    try:
+        heights = None if terrain is None else HeightModel(terrain)
+    except HeightModelError as error:
+        raise typer.BadParameter(f"{error.message} {error.hint}", param_hint="--terrain") from error
     settings = FlightSettings(
         vehicle=name,
         photographs=views,

@@ -10,7 +10,7 @@ from fvs_client import Candidate, FramePose, Scene, Terrain, TerrainOfPoints
 from fvs_client.height_model import HeightModel, places_of
 from fvs_schema.words import POINTS
 
-_AROUND_M = 200.0
+_AROUND_M = 500.0
 """How far around the scene's origin candidates of a generator are compared with the ground."""
 
 
