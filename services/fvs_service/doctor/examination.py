@@ -6,15 +6,17 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from sqlalchemy import func, select, update
+from sqlalchemy import func, or_, select, update
 
 from fvs_engine.errors import OutputExistsError, StorageError
 from fvs_engine.files.lock import locked_folder
+from fvs_schema.images import Verdict
 from fvs_service.application import Storage
 from fvs_service.deletion import rows
+from fvs_service.images.files import blob_key
 from fvs_service.jobs.repository import OPEN
 from fvs_service.settings import Settings
-from fvs_service.storage.blob_keys import artifact_key, image_key, manifest_key
+from fvs_service.storage.blob_keys import artifact_key, manifest_key
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.clock import now
 from fvs_service.storage.removals import has_row
@@ -26,6 +28,7 @@ from fvs_service.storage.tables import (
     SnapshotArtifactRow,
     SnapshotRow,
     WorkerRow,
+    frames_not_taken,
 )
 
 _REPAIRED = "repaired"
@@ -111,20 +114,22 @@ def late_removals(storage: Storage, by: timedelta) -> Iterator[Finding]:
 
 
 def images_without_blobs(storage: Storage) -> Iterator[Finding]:
-    """Images whose bytes are lost; without their rows the same files can be sent again."""
+    """Images and waiting videos whose bytes are lost; without their rows the files can be sent again."""
     with storage.database.reading() as session:
-        query = select(ImageRow.scene_id, ImageRow.sha256, ImageRow.name).where(
-            ImageRow.verdict == "accepted"
+        query = select(ImageRow.scene_id, ImageRow.sha256, ImageRow.name, ImageRow.verdict).where(
+            or_(ImageRow.verdict == "accepted", frames_not_taken())
         )
         images = session.execute(query).all()
-    for scene_id, sha256, name in images:
-        key = image_key(scene_id, sha256)
+    for scene_id, sha256, name, verdict in images:
+        key = blob_key(scene_id, sha256, Verdict(verdict))
         if not storage.blobs.exists(key) and _is_still_there(storage, key):
             yield Finding(
                 "image without blob",
                 f"{scene_id} sha256:{sha256} ({name})",
                 "forget it, so that it can be sent again",
-                lambda scene_id=scene_id, sha256=sha256: _forget_image(storage, scene_id, sha256),  # type: ignore[misc]
+                lambda scene_id=scene_id, sha256=sha256, key=key: _forget_image(
+                    storage, scene_id, sha256, key
+                ),  # type: ignore[misc]
             )
 
 
@@ -206,10 +211,10 @@ def _remove_blob(storage: Storage, key: str) -> None:
             storage.blobs.remove(key)
 
 
-def _forget_image(storage: Storage, scene_id: str, sha256: str) -> None:
+def _forget_image(storage: Storage, scene_id: str, sha256: str, key: str) -> None:
     with storage.database.writing(scene_id) as session:
         row = session.get(ImageRow, (scene_id, sha256))
-        if row is not None and not storage.blobs.exists(image_key(scene_id, sha256)):
+        if row is not None and not storage.blobs.exists(key):
             session.delete(row)
 
 

@@ -9,20 +9,21 @@ from pathlib import Path
 
 from fvs_engine.wording import notice
 from fvs_schema.findings import Finding, Notice
-from fvs_schema.images import Image
+from fvs_schema.images import Image, Verdict
 from fvs_schema.masks import MASKS
 from fvs_service.engine_errors import without_folders
 from fvs_service.errors import NotFoundError
-from fvs_service.storage.blob_keys import image_key, mask_key
+from fvs_service.storage.blob_keys import image_key, mask_key, video_key
 from fvs_service.storage.blobs import Blobs
 
 IMAGES, ARRIVALS, READY = "images", "arrivals", "ready"
 """Parts of a scene's folder on a worker: the images as the engine reads them, and two on the way there."""
 
 
-def blob_key(scene_id: str, digest: str) -> str:
-    """The blob key of an image."""
-    return image_key(scene_id, digest.removeprefix("sha256:"))
+def blob_key(scene_id: str, digest: str, verdict: Verdict = Verdict.ACCEPTED) -> str:
+    """The blob key of an image, or of a video whose frames are not taken."""
+    key = video_key if verdict is Verdict.VIDEO else image_key
+    return key(scene_id, digest.removeprefix("sha256:"))
 
 
 def export_images(blobs: Blobs, images: tuple[Image, ...], folder: Path) -> dict[str, Image]:

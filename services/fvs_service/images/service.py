@@ -38,7 +38,7 @@ from fvs_service.images.videos import EVERY_S, require_kind
 from fvs_service.jobs.service import Jobs
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.repository import scene_of, set_origin
-from fvs_service.storage.blob_keys import image_key, subtitles_key, video_key
+from fvs_service.storage.blob_keys import image_key, subtitles_key
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database
@@ -110,7 +110,7 @@ class Images:
             return found, False
         inspection = self._inspected(staged, metadata)
         kept = inspection.verdict in (Verdict.ACCEPTED, Verdict.VIDEO)
-        key = _key_of(inspection.verdict, scene_id, staged.digest)
+        key = blob_key(scene_id, staged.digest, inspection.verdict)
         if kept and not self._has_twin(scene_id, inspection):
             with self._database.writing(scene_id, durable=False) as session:
                 scene_of(session, principal, scene_id)  # the inspection may have outlasted it
@@ -220,13 +220,6 @@ class Images:
                 altitude_datum=prior.altitude_datum or AltitudeDatum.SEA_LEVEL,
             ),
         )
-
-
-def _key_of(verdict: Verdict, scene_id: str, digest: str) -> str:
-    """The blob key of what is stored with this verdict."""
-    if verdict is Verdict.VIDEO:
-        return video_key(scene_id, digest.removeprefix("sha256:"))
-    return blob_key(scene_id, digest)
 
 
 def _require_frame(scene: Scene, metadata: ImageMetadata) -> None:

@@ -24,6 +24,7 @@ from fvs_service.storage.tables import ImageRow, JobRow, RemovalRow, WorkerRow
 from sqlalchemy import delete, update
 from typer import Typer
 from typer.testing import CliRunner
+from videos import textured, write_video
 
 NONE = timedelta(0)
 
@@ -111,6 +112,18 @@ def test_a_deletion_that_waits_for_too_long_is_found(gateway: Any) -> None:
     with storage.database.writing() as session:
         session.execute(update(RemovalRow).values(due_at=now() - timedelta(hours=1)))
     assert _kinds(gateway, timedelta(minutes=15)) == ["half deletion"]
+
+
+def test_a_video_without_bytes_is_forgotten(gateway: Any, tmp_path: Any) -> None:
+    scene = gateway.scene()
+    clip = write_video(tmp_path / "a.mp4", [(0.0, textured()), (1.0, textured())]).read_bytes()
+    gateway.put(scene, clip, name="a.mp4")
+    assert _kinds(gateway) == []
+    for file in gateway.settings.root.glob(f"blobs/scenes/{scene}/videos/*"):
+        file.unlink()
+    assert _kinds(gateway) == ["image without blob"]
+    _repair(gateway)
+    assert gateway.put(scene, clip, name="a.mp4").status_code == 201
 
 
 def test_images_without_bytes_are_forgotten_and_can_be_sent_again(gateway: Any, photograph: Any) -> None:

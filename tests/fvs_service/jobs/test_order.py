@@ -128,6 +128,17 @@ def test_a_fine_model_makes_room_for_an_update_of_its_scene_at_once_unless_it_wa
     assert _order([starved, update], now_ms=931_000).update_of_scene_waits(starved)
 
 
+def test_frames_are_taken_whatever_waits_for_them() -> None:
+    """An update that each frame asks for would interrupt the job again and again, before its last frame."""
+    frames = _job("1", "a", JobKind.FRAMES, "s", worker_id="w", taken_at_ms=0)
+    waiting = [_job("2", "a", UPDATE, "s"), _job("3", "a", FINE, "s")]
+    order = _order([frames, *waiting], now_ms=TURN_MS // 2)
+    assert not order.update_of_scene_waits(frames)
+    assert {place.obstacle for place in order.line} == {WaitReason.SCENE}
+    queued = _job("1", "a", JobKind.FRAMES, "s")
+    assert _names(_order([*waiting, queued])) == ["1", "2", "3"]
+
+
 def test_a_fine_model_lets_an_update_of_its_scene_go_first_that_waits_for_other_workers() -> None:
     sfm, training = frozenset({Work.SFM}), frozenset({Work.TRAINING})
     update = _job("update", "a", scene="s", waiting_since_ms=59_999)
