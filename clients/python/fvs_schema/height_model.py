@@ -126,7 +126,8 @@ class HeightModel:
             transform=self._rasterio.Affine(east_step, 0.0, west_edge_deg, 0.0, -north_step, north_edge_deg),
             width=columns,
             height=rows,
-            resampling=resampling.average if coarse else resampling.bilinear,
+            # A coarse grid keeps the tops: a mean would make ridges lower than they are.
+            resampling=resampling.max if coarse else resampling.bilinear,
             dtype="float64",
             nodata=NO_HEIGHT_M,
         ) as warped:
