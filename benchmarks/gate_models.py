@@ -39,8 +39,10 @@ SETTINGS = SfmSettings(threads=1, features_of_many=FeatureSettings())
 _MOST = 55
 """Images of a scene that are used: the first ten, and those that are farthest from one another."""
 _FEWEST = 20
-"""Scenes with fewer images give the whole, runs of neighbours, and the sets of ``far_spread.py``."""
+"""Scenes with fewer images give the whole, runs of neighbours alone and with any others, and the sets of
+``far_spread.py``."""
 _SPREAD_SETS = 10
+_RUNS_AND_OTHERS = 20
 _SHIFT = 0.3
 """Displacement of spoilt models, in shares of the spread of the cameras."""
 _STRETCH = 1.3
@@ -110,6 +112,7 @@ class Scene:
             return (
                 {"all": pool}
                 | {f"run8_{k}": pool[k : k + 8] for k in starts}
+                | {f"runany_{k}": _run_and_others(pool, random.Random(k)) for k in range(_RUNS_AND_OTHERS)}
                 | {f"spread_{k}": self.far_spread(15, random.Random(f"0 {k}")) for k in range(_SPREAD_SETS)}
             )
         middle = np.mean([self.centres[name] for name in pool], axis=0)
@@ -125,6 +128,14 @@ class Scene:
             start = draw.randrange(len(pool) - 10)
             found[f"runfar_{seed}"] = self.farthest(pool, pool[start : start + 8], 14)
         return found
+
+
+def _run_and_others(names: Sequence[str], draw: random.Random) -> list[str]:
+    """Ten neighbours, and up to five of the other images."""
+    start = draw.randrange(max(len(names) - 9, 1))
+    run = names[start : start + 10]
+    others = [name for name in names if name not in run]
+    return sorted([*run, *draw.sample(others, min(5, len(others)))])
 
 
 def prepare(scene: Scene, folder: Path) -> Stages:

@@ -18,7 +18,7 @@ class Links:
     """Names of the images of a model that are not, or not well, connected with the rest of it."""
 
     contradicted: frozenset[str]
-    """Most of the matches that join them with the rest contradict the poses, though some pairs may fit."""
+    """More of the matches that join them with the rest agree on another pose than fit the model's."""
 
     unconnected: frozenset[str]
     """No explained pair connects them with the rest, and hardly any matches contradict them."""
@@ -35,13 +35,17 @@ class Links:
         Pairs of which less than ``least_share`` of the features match and fit leave images loose.
 
         A group of images that is consistent in itself, and wrong relative to the rest, is on the smaller
-        side of a cut across which most matches contradict the poses, or few fit.
+        side of a cut across which more matches agree on another pose of it than fit the model's. Pairs of
+        images that show different places match by chance, and the more images, the more such pairs: each
+        gives another pose, so they do not add up. Relative poses of the pairs tell; without them every
+        pair stands alone.
         """
         names = {i: image.name for i, image in model.images.items() if image.has_pose}
         ids = sorted(names)
         if not checks:
             return Links(frozenset(), frozenset(names.values()), frozenset())
-        graph = _Graph(ids, checks)
+        rotations = np.array([model.images[i].cam_from_world().rotation.matrix() for i in ids])
+        graph = _Graph(ids, rotations, checks)
         found = (graph.contradicted(), graph.outside(), graph.loose(least_share))
         contradicted, outside, loose = (
             frozenset(names[ids[k]] for k in np.flatnonzero(mask)) for mask in found
@@ -50,9 +54,14 @@ class Links:
 
 
 class _Graph:
-    """Images as nodes, and the pairs between them; masks are over the images [N]."""
+    """Images as nodes, and the pairs between them; masks are over the images [N].
 
-    def __init__(self, ids: Sequence[int], checks: Sequence[PairCheck]) -> None:
+    ``rotations`` [N, 3, 3] are camera_from_model.
+    """
+
+    def __init__(
+        self, ids: Sequence[int], rotations: NDArray[np.float64], checks: Sequence[PairCheck]
+    ) -> None:
         index = {image_id: k for k, image_id in enumerate(ids)}
         self._size = len(ids)
         self._ends = np.array([(index[check.first], index[check.second]) for check in checks])
@@ -60,6 +69,15 @@ class _Graph:
         self._supported = np.array([check.supported for check in checks])
         self._features = np.array([check.features for check in checks])
         self._explained = np.array([explains(check) for check in checks])
+        self._rotations = rotations
+        self._relative = np.array(
+            [
+                np.full((3, 3), np.nan)
+                if check.second_from_first is None
+                else check.second_from_first.rotation
+                for check in checks
+            ]
+        )
 
     def outside(self) -> NDArray[np.bool_]:
         """The images that explained pairs do not connect with the most."""
@@ -85,10 +103,27 @@ class _Graph:
             cut = coo_array((tree.data[edges], (tree.row[edges], tree.col[edges])), shape=tree.shape)
             side = connected_components(cut, directed=False)[1]
             here, there = side == side[tree.row[k]], side == side[tree.col[k]]
-            across = self._between(here, there)
-            if self._supported[across].sum() < PAIRS.explained_share * self._matches[across].sum():
+            if self._supported[self._between(here, there)].sum() < self._against(here, there):
                 found |= here if here.sum() < there.sum() else there
         return found
+
+    def _against(self, here: NDArray[np.bool_], there: NDArray[np.bool_]) -> int:
+        """The most matches between two groups that agree on another pose of one relative to the other.
+
+        They are of pairs that the model does not explain, and agree when the pairs turn the group alike.
+        """
+        pairs = np.flatnonzero(self._between(here, there) & ~self._explained)
+        if len(pairs) == 0:
+            return 0
+        first, second = self._ends[pairs].T
+        # The turn of the group of the second image, as the pair has it, relative to that of the first.
+        turns = self._rotations[second].transpose(0, 2, 1) @ self._relative[pairs] @ self._rotations[first]
+        turns[here[first]] = turns[here[first]].transpose(0, 2, 1)
+        flat = turns.reshape(-1, 9)
+        # Each may be off by the limit. The trace of a turn's inverse times another is their dot product.
+        alike = flat @ flat.T > 1.0 + 2.0 * np.cos(np.radians(2.0 * PAIRS.max_rotation_deg))
+        np.fill_diagonal(alike, True)  # also where the matches of a pair leave its relative pose open
+        return int((alike @ (self._matches - self._supported)[pairs]).max())
 
     def _apart(self, edges: NDArray[np.bool_]) -> NDArray[np.bool_]:
         group = self._groups(edges)

@@ -14,15 +14,16 @@ class PairThresholds:
     """Maximum distance of a match from its epipolar line; COLMAP's verification has the same limit."""
 
     explained_share: float = 0.5
-    """Minimum share of the matches of a pair, or between two groups of images, that fit a model that explains
-    them.
-    """
+    """Minimum share of the matches of a pair that fit a model that explains it."""
 
     min_baseline_share: float = 0.02
     """Minimum distance of two cameras, in shares of the spread, for the direction between them to count."""
 
     max_rotation_deg: float = 5.0
-    """Maximum angle between the rotation estimated from a pair alone and the model's if the two agree."""
+    """Maximum angle between the rotation estimated from a pair alone and the model's if the two agree.
+
+    Two pairs that agree with the same pose are at most twice as far from each other.
+    """
 
     max_direction_deg: float = 15.0
     """The same for the direction from one camera to the other."""
