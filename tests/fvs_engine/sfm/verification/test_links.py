@@ -27,7 +27,7 @@ def pose(image_id: int) -> pycolmap.Rigid3d:
 def check(
     first: int, second: int, matches: int, supported: int, turn_deg: tuple[float, float, float] = (0, 0, 0)
 ) -> PairCheck:
-    """A pair whose matches see the world of the second camera turned by ``turn_deg``, as a rotation vector."""
+    """A pair whose matches see the world turned by the rotation vector ``turn_deg``."""
     turned = pose(second) * pycolmap.Rigid3d(pycolmap.Rotation3d(np.radians(turn_deg)), np.zeros(3))
     relative = turned * pose(first).inverse()
     second_from_first = RigidTransform(relative.rotation.matrix(), np.asarray(relative.translation))
