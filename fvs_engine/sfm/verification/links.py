@@ -1,6 +1,6 @@
 """Connectivity of the images of a model by its verified pairs."""
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,7 +24,9 @@ class Links:
     """No explained pair connects them with the rest, and hardly any matches contradict them."""
 
     loose: frozenset[str]
-    """Connected, but somewhere by pairs of few matches only, as look-alike places often are."""
+    """Connected, but somewhere by pairs of few matches only, or of fewer than contradict them, as look-alike
+    places often are.
+    """
 
     @staticmethod
     def of(
@@ -37,8 +39,8 @@ class Links:
         A group of images that is consistent in itself, and wrong relative to the rest, is on the smaller
         side of a cut across which more matches agree on another pose of it than fit the model's. Pairs of
         images that show different places match by chance, and the more images, the more such pairs: each
-        gives another pose, so they do not add up. Relative poses of the pairs tell; without them every
-        pair stands alone.
+        gives another pose, so together they make the group loose, not contradicted. The relative poses of
+        the pairs tell; without them every pair stands alone.
         """
         names = {i: image.name for i, image in model.images.items() if image.has_pose}
         ids = sorted(names)
@@ -46,7 +48,7 @@ class Links:
             return Links(frozenset(), frozenset(names.values()), frozenset())
         rotations = np.array([model.images[i].cam_from_world().rotation.matrix() for i in ids])
         graph = _Graph(ids, rotations, checks)
-        found = (graph.contradicted(), graph.outside(), graph.loose(least_share))
+        found = (graph.contradicted(), graph.outside(), graph.loose(least_share) | graph.disputed())
         contradicted, outside, loose = (
             frozenset(names[ids[k]] for k in np.flatnonzero(mask)) for mask in found
         )
@@ -96,6 +98,22 @@ class _Graph:
             across = self._between(group == number, group != number)
             if self._matches[across].sum() >= MIN_PAIR_MATCHES:
                 found |= group == number
+        for here, there in self._seams():
+            if self._supported[self._between(here, there)].sum() < self._against(here, there):
+                found |= here
+        return found
+
+    def disputed(self) -> NDArray[np.bool_]:
+        """Groups on the smaller side of a cut that most of their matches with the rest contradict."""
+        found = np.zeros(self._size, dtype=bool)
+        for here, _ in self._seams():
+            found |= here
+        return found
+
+    def _seams(self) -> Iterator[tuple[NDArray[np.bool_], NDArray[np.bool_]]]:
+        """The cuts across which most matches contradict the poses: the smaller side, and the other one."""
+        group = self._groups(self._explained)
+        main = np.bincount(group).argmax()
         # The spanning tree of the best supported pairs: an edge of it is the strongest link across its cut.
         tree = minimum_spanning_tree(self._weighted(self._explained)).tocoo()
         for k in np.flatnonzero(group[tree.row] == main):
@@ -103,9 +121,9 @@ class _Graph:
             cut = coo_array((tree.data[edges], (tree.row[edges], tree.col[edges])), shape=tree.shape)
             side = connected_components(cut, directed=False)[1]
             here, there = side == side[tree.row[k]], side == side[tree.col[k]]
-            if self._supported[self._between(here, there)].sum() < self._against(here, there):
-                found |= here if here.sum() < there.sum() else there
-        return found
+            across = self._between(here, there)
+            if self._supported[across].sum() < PAIRS.explained_share * self._matches[across].sum():
+                yield (here, there) if here.sum() < there.sum() else (there, here)
 
     def _against(self, here: NDArray[np.bool_], there: NDArray[np.bool_]) -> int:
         """The most matches between two groups that agree on another pose of one relative to the other.

@@ -14,7 +14,9 @@ class PairThresholds:
     """Maximum distance of a match from its epipolar line; COLMAP's verification has the same limit."""
 
     explained_share: float = 0.5
-    """Minimum share of the matches of a pair that fit a model that explains it."""
+    """Minimum share of the matches of a pair, or between two groups of images, that fit a model that explains
+    them.
+    """
 
     min_baseline_share: float = 0.02
     """Minimum distance of two cameras, in shares of the spread, for the direction between them to count."""

@@ -84,6 +84,7 @@ def test_chance_matches_that_each_give_another_pose_contradict_no_group():
     found = links(check(4, 5, 400, 400), check(3, 4, 60, 58), *chance)
     assert sum(pair.matches - pair.supported for pair in chance) > 7 * 58
     assert not found.contradicted | found.unconnected
+    assert found.loose == {"4", "5"}
 
 
 def test_pairs_that_leave_their_relative_pose_open_agree_with_no_other():
