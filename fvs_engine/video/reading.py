@@ -24,6 +24,8 @@ from fvs_schema.videos import find_subtitles
 
 _DAMAGE = (FFmpegError, OSError)
 """What is raised for a video that is damaged, or on a disk that is."""
+_FORMATS = "mov,matroska,avi,mpegts,mpeg,flv,asf,ogg,mxf,h264,hevc"
+"""What is read. Photographs are no videos, and playlists and descriptions of sessions open addresses."""
 _THREADS = 4
 """Threads that decode, each with frames of its own: on machines of many cores all would need gigabytes."""
 _UNTOLD_COLORS = 2
@@ -95,11 +97,17 @@ class Video:
 def open_video(path: Path) -> Iterator[Video]:
     """Open a video; raises ``InvalidInputError`` when the file has none."""
     with _opened(path) as container:
-        streams = (one for one in container.streams.video if not one.disposition & Disposition.attached_pic)
+        streams = (
+            one
+            for one in container.streams.video
+            if one.codec_context is not None and not one.disposition & Disposition.attached_pic
+        )
         stream = next(streams, None)
         if stream is None:
             raise InvalidInputError(
-                f"{path} has no pictures.", hint="Give a video: MP4, MOV, MKV …", path=path
+                f"{path} has no pictures that can be decoded.",
+                hint="Give a video of H.264, H.265, VP9 or AV1, or convert it: ffmpeg -i VIDEO NEW.mp4",
+                path=path,
             )
         yield Video(path, container, stream, _duration_s(container, stream), _began_at(container))
 
@@ -129,7 +137,8 @@ def _opened(path: Path) -> Iterator[InputContainer]:
         ) from error
     with file:  # a name alone may be an address, or the name of another protocol, for FFmpeg
         try:
-            container = av.open(file, "r", metadata_errors="replace")
+            options = {"format_whitelist": _FORMATS}
+            container = av.open(file, "r", options=options, metadata_errors="replace")
         except _DAMAGE as error:
             file.seek(4)
             if file.read(4) == b"ftyp":

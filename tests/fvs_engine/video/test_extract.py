@@ -1,6 +1,5 @@
 import json
 import shutil
-import wave
 from collections.abc import Callable
 from pathlib import Path
 
@@ -145,10 +144,12 @@ def test_of_a_video_that_is_cut_short_the_rest_is_used(tmp_path: Path) -> None:
     assert 2.0 < damaged.numbers["read_s"] < 4.0
 
 
-def _sound(path: Path) -> None:
-    with wave.open(str(path), "wb") as sound:
-        sound.setparams((1, 2, 8000, 0, "NONE", ""))
-        sound.writeframes(bytes(16_000))
+_SESSION = b"v=0\no=- 0 0 IN IP4 127.0.0.1\ns=x\nc=IN IP4 127.0.0.1\nt=0 0\nm=video 39998 RTP/AVP 96\n"
+"""A description of a session, for which FFmpeg would open ports."""
+
+
+def _photograph(path: Path) -> None:
+    Image.fromarray(textured()).save(path, format="JPEG")
 
 
 @pytest.mark.parametrize(
@@ -157,7 +158,9 @@ def _sound(path: Path) -> None:
         (lambda video: video.write_bytes(video.read_bytes()[:3000]), "cut short"),
         (lambda video: video.write_bytes(b"no video"), "not a video"),
         (lambda video: video.write_bytes(b""), "not a video"),
-        (_sound, "no pictures"),
+        (lambda video: video.write_bytes(_SESSION + b"a=rtpmap:96 H264/90000\n"), "not a video"),
+        (_photograph, "not a video"),
+        (lambda video: video.write_bytes(video.read_bytes().replace(b"avc1", b"none")), "no pictures that"),
         (lambda video: video.unlink(), "cannot be read: No such file"),
         (lambda video: video.unlink() or video.mkdir(), "cannot be read: Is a directory"),
     ],
