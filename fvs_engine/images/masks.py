@@ -19,6 +19,7 @@ from fvs_schema.masks import find_mask
 Mask = NDArray[np.bool_]
 
 _WHITE = np.uint8(255)
+_SIZE_HINT = "Make the mask of the photograph in its full size, or delete it."
 
 
 def read_mask(folder: Path, name: str, file: Path | None = None, *, turn: bool = False) -> Mask | None:
@@ -96,11 +97,13 @@ def _of_file(file: Path, stored: tuple[int, int], orientation: int) -> Image.Ima
             if size not in (stored, stored[::-1] if orientation > LAST_OF_SAME_SIDES else stored):
                 raise UnusableImageError(
                     f"{named} has {size[0]}×{size[1]} px, the photograph {stored[0]}×{stored[1]} px.",
-                    hint="Make the mask of the photograph in its full size, or delete it.",
+                    hint=_SIZE_HINT,
                 )
             grey = image.convert("L")
     except UnusableImageError:
         raise
+    except Image.DecompressionBombError as error:
+        raise UnusableImageError(f"{named} has more pixels than any photograph.", hint=_SIZE_HINT) from error
     except Exception as error:  # damaged bytes can make the decoder raise anything
         raise UnusableImageError(
             f"{named} cannot be read as a PNG.", hint="Save it as PNG again, or delete it."

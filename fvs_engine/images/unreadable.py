@@ -33,6 +33,12 @@ _NUMBERS = {1: "integers", 2: "signed integers", 3: "floating-point numbers"}
 
 _CONVERT_HINT = f"Convert it to JPEG or PNG, or remove it (formats that work: {', '.join(FORMATS)})."
 _COPY_HINT = "Copy it from the camera again, or delete it."
+_FRAMES_HINT = (
+    "Take frames from it: fvs frames VIDEO. A service takes it under the name of a video, such as a.mp4, "
+    "once this image is deleted."
+)
+_PHOTOGRAPHIC_BRANDS = (b"hei", b"hev", b"mif", b"msf", b"avi")
+"""How the brands of HEIC and AVIF begin; other files of their container are videos."""
 
 
 class Unreadable(NamedTuple):
@@ -47,6 +53,8 @@ def explain(content: bytes) -> Unreadable:
     zeros = len(content) - len(content.lstrip(b"\0"))
     if zeros == len(content):
         return Unreadable("it has only zero bytes.", _COPY_HINT)
+    if _is_video(content[:12]):
+        return Unreadable("it is a video.", _FRAMES_HINT)
     kind = _format(content[zeros : zeros + 16])
     if zeros and kind is not None:
         return Unreadable(
@@ -64,6 +72,12 @@ def explain(content: bytes) -> Unreadable:
 
 def _format(head: bytes) -> str | None:
     return next((name for beginning, name in _BEGINNINGS.items() if head.startswith(beginning)), None)
+
+
+def _is_video(head: bytes) -> bool:
+    if head[4:8] == b"ftyp":
+        return not head[8:12].startswith(_PHOTOGRAPHIC_BRANDS)
+    return head.startswith(b"\x1aE\xdf\xa3") or (head.startswith(b"RIFF") and head[8:12] == b"AVI ")
 
 
 def _kind_of_jpeg(content: bytes) -> Unreadable:

@@ -1,4 +1,6 @@
 import os
+import struct
+import zlib
 from pathlib import Path
 
 import numpy as np
@@ -202,12 +204,15 @@ def _rejected(catalog: ImageCatalog) -> dict[str, str]:
 
 
 def test_masks_that_cannot_be_used(tmp_path: Path) -> None:
-    for seed, name in enumerate("abcd"):
+    for seed, name in enumerate("abcde"):
         _photograph(tmp_path / f"{name}.jpg", seed)
     _mask(tmp_path / "masks" / "a.png", LEFT[:10, :10])
     _mask(tmp_path / "masks" / "b.png", np.zeros_like(LEFT))
     (tmp_path / "masks" / "c.png").write_bytes(b"\x89PNG\r\n\x1a\n and no more")
     _mask(tmp_path / "masks" / "d.png", LEFT.T)
+    header = struct.pack(">4s2I5B", b"IHDR", 30_000, 30_000, 8, 0, 0, 0, 0)  # a mask of 30,000 × 30,000 px
+    png = b"\x89PNG\r\n\x1a\n\0\0\0\x0d" + header + struct.pack(">I", zlib.crc32(header))
+    (tmp_path / "masks" / "e.png").write_bytes(png + bytes(4) + b"IDAT")
     _mask(tmp_path / "masks" / "nobody.png")
     _mask(tmp_path / "masks" / "d.jpg")
     (tmp_path / "masks" / "classes.txt").touch()
@@ -219,6 +224,7 @@ def test_masks_that_cannot_be_used(tmp_path: Path) -> None:
     assert reasons.pop("b.jpg") == "its mask leaves out every pixel."
     assert reasons.pop("c.jpg") == "its mask masks/c.png cannot be read as a PNG."
     assert "48×64 px" in reasons.pop("d.jpg")
+    assert reasons.pop("e.jpg") == "its mask masks/e.png has more pixels than any photograph."
     assert "the mask of no photograph" in reasons.pop("masks/nobody.png")
     assert "the mask of no photograph" in reasons.pop("masks/d.jpg")
     assert not reasons
