@@ -20,6 +20,7 @@ from fvs_engine.video.sharp_frames import choose_sharp_frames
 from fvs_engine.video.track import Track
 from fvs_schema.findings import Finding, FindingCode, Severity
 from fvs_schema.stages import Stage
+from fvs_schema.videos import frame_stem
 
 RECORD_FILE = "frames.json"
 _JPEG_QUALITY = 95
@@ -88,7 +89,7 @@ def written_frames(
     """Write the frames of ``extract_frames`` one after another; their files are whole when they appear."""
     for chosen in choose_sharp_frames(_watched_frames(video, monitor), every_s, frame_sharpness):
         record = FrameRecord(
-            name=f"{video.path.stem}_{_clock(chosen.time_s)}.jpg",
+            name=f"{frame_stem(video.path.name)}_{_clock(chosen.time_s)}.jpg",
             time_s=chosen.time_s,
             sharpness=chosen.sharpness,
         )

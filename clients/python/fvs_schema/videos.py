@@ -6,6 +6,14 @@ VIDEO_SUFFIXES = frozenset({".mp4", ".mov", ".m4v", ".mkv", ".webm", ".avi", ".m
 """Files that the service takes for videos, by the ends of their names in lower case."""
 
 
+_STEM_BYTES = 180
+
+
+def frame_stem(name: str) -> str:
+    """What names of frames begin with: the video's without suffix, cut so that they can be names of files."""
+    return PurePosixPath(name).stem.encode()[:_STEM_BYTES].decode(errors="ignore")
+
+
 def is_video(name: str) -> bool:
     """Whether the file of this name is a video."""
     return PurePosixPath(name).suffix.lower() in VIDEO_SUFFIXES

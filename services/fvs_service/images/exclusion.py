@@ -92,6 +92,10 @@ def accepted_image(session: Session, principal: Principal, scene_id: str, digest
     image = repository.find_image(session, scene_id, digest)
     if image is None:
         raise NotFoundError("The scene has no such image.")
+    if image.verdict is Verdict.VIDEO:
+        raise ConflictError(
+            "The image is a video, which models do not use.", hint="The images from its frames are used."
+        )
     if image.verdict is not Verdict.ACCEPTED:
         raise ConflictError(f"The image is not used in models: it is {image.verdict.value}.", hint=image.hint)
     return image

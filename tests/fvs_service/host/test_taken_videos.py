@@ -8,6 +8,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
+import numpy as np
 import pytest
 from fvs_service.errors import StaleLeaseError
 from fvs_service.host.protocol.messages import FrameTaken
@@ -148,6 +149,32 @@ def test_frames_are_spaced_wider_where_the_scene_has_less_room(
         pass
     late = gateway.put(scene, clip + b"\0" * 8, name="b.mp4")
     assert (late.status_code, late.json()["code"]) == (409, "conflict")
+
+
+@pytest.mark.system
+def test_equal_frames_are_one_image_and_take_the_room_of_one(
+    open_gateway: Callable[..., Any], clip: bytes, tmp_path: Path
+) -> None:
+    gateway = open_gateway(limits={"images_per_scene": 4})
+    scene = gateway.scene()
+    grey = np.full((48, 64, 3), 90, np.uint8)
+    path = write_video(tmp_path / "still.mp4", [(float(n), grey) for n in range(4)])
+    still = send(gateway, scene, path.read_bytes(), name="still.mp4")
+    send(gateway, scene, clip, every_s=2.0)
+    take(gateway, scene)
+    assert gateway.client.get(still).json()["frames"] == 1
+    assert len(frames(gateway, scene)) == 4
+
+
+@pytest.mark.system
+def test_a_long_name_is_cut_in_those_of_its_frames(gateway: Any, clip: bytes) -> None:
+    scene = gateway.scene()
+    video = send(gateway, scene, clip, name="ü" * 250 + ".mp4", every_s=2.0)
+    take(gateway, scene)
+    assert gateway.client.get(video).json()["frames"] == 3
+    assert {image["name"] for image in frames(gateway, scene)} == {
+        "ü" * 90 + f"_00h00m0{second}.000s.jpg" for second in (0, 2, 4)
+    }
 
 
 @pytest.mark.system

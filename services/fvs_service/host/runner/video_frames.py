@@ -21,10 +21,12 @@ from fvs_engine.monitor import Monitor, Progress
 from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.images import Image
 from fvs_schema.stages import Stage
+from fvs_schema.videos import frame_stem
 from fvs_service.errors import NotFoundError
 from fvs_service.host.protocol.messages import FrameTaken, RunJob, VideoTaken
 from fvs_service.host.runner.scene_folder import SceneFolder
 from fvs_service.images.inspector import limit_child
+from fvs_service.images.upload_files import file_digest
 from fvs_service.storage.blob_keys import subtitles_key, video_key
 from fvs_service.storage.blobs import Blobs
 
@@ -54,19 +56,19 @@ class VideoFrames:
         room for any of it, and ``Cancelled``.
         """
         failed: list[InvalidInputError] = []
-        room = request.room
+        digests: set[str] = set()  # equal frames, as of a screen that stands still, are one image
         for number, video in enumerate(request.videos):
             try:
                 with (
                     self._files(request.job_id, video) as files,
-                    contextlib.closing(self._taken(video, files, room)) as taken,
+                    contextlib.closing(self._taken(video, files, request.room - len(digests))) as taken,
                 ):
                     for share, frame in taken:
                         done = round(_WHOLE * (number + share))
                         monitor.report(Stage.FRAMES, done, _WHOLE * len(request.videos))
                         monitor.check()
                         if isinstance(frame, FrameTaken):
-                            room -= 1
+                            digests.add(file_digest(Path(frame.file)))
                         if frame is not None:
                             send(frame)
             except NotFoundError:  # it was deleted
@@ -81,7 +83,8 @@ class VideoFrames:
         """The files of a video; those of its frames stay until they are stored."""
         folder = self._folder.outcome(job_id) / video.sha256
         shutil.rmtree(folder, ignore_errors=True)
-        files = _Files(folder / video.name, folder / "frames", folder / "share")
+        name = frame_stem(video.name) + Path(video.name).suffix
+        files = _Files(folder / name, folder / "frames", folder / "share")
         files.frames.mkdir(parents=True)
         try:
             self._blobs.export(video_key(video.scene_id, video.sha256), files.video)

@@ -106,7 +106,7 @@ class TakenVideos:
                     session, video, Verdict.UNREADABLE, reason=taken.reason, hint=taken.hint
                 )
             else:
-                repository.change_video(session, video, Verdict.VIDEO, frames=len(stored))
+                repository.change_video(session, video, Verdict.VIDEO, frames=len(set(stored.values())))
             remove_bytes(session, video)
             for finding in (*taken.findings, *(() if full is None else (full,))):
                 add_warning(session, self._job.id, _notice(finding, stored))
