@@ -39,6 +39,7 @@ def make(tmp_path: Path) -> Make:
         crs: str | None = "EPSG:32632",
         pixel: float = 1.0,
         hole: Any = None,
+        hole_m: float = -9999.0,
         ridge_m: float = 0.0,
         **profile: Any,
     ) -> Path:
@@ -48,7 +49,7 @@ def make(tmp_path: Path) -> Make:
         if ridge_m:
             heights[:, _SIDE // 2] += ridge_m
         if hole is not None:
-            heights[hole] = -9999.0
+            heights[hole] = hole_m
         path = tmp_path / f"{crs}-{profile}.tif".replace(":", "-")
         half = _SIDE / 2 * pixel
         given = {"count": 1, "nodata": -9999.0, "compress": "deflate", "predictor": 3} | profile
@@ -93,10 +94,11 @@ def test_holes_stay_holes(make: Make) -> None:
     assert terrain.height_m(MIDDLE) == pytest.approx(500.0, abs=0.02)
 
 
-def test_holes_that_are_not_declared_are_no_ground(make: Make) -> None:
+@pytest.mark.parametrize("hole_m", [-9999.0, -3.4e38, 1e30])
+def test_holes_that_are_not_declared_are_no_ground(make: Make, hole_m: float) -> None:
     """Else everything would be high above it."""
     with (
-        HeightModel(make(hole=np.s_[55:58, 61:64], nodata=None)) as model,
+        HeightModel(make(hole=np.s_[55:58, 61:64], hole_m=hole_m, nodata=None)) as model,
         pytest.raises(HeightModelError, match="does not declare"),
     ):
         model.around([MIDDLE])

@@ -13,8 +13,8 @@ from fvs_schema.terrain import MOST_HEIGHTS, MOST_IN_A_ROW, NO_HEIGHT_M, Terrain
 _MARGIN = 3
 """Steps beyond the outermost places."""
 _FINEST_DEG = 1e-7
-_LOWEST_GROUND_M = -1_000.0
-"""Nobody flies lower: the deepest mines are half as deep."""
+_GROUND_M = -1_000.0, 10_000.0
+"""Nobody flies over lower or higher ground: the deepest mines are half as deep."""
 _MAP = "EPSG:4326"
 _DEGREE_M = 111_195.0
 _UNITS_M = {
@@ -137,12 +137,13 @@ class HeightModel:
             height * scale + offset if math.isfinite(height) and height != NO_HEIGHT_M else NO_HEIGHT_M
             for height in found
         ]
-        lowest_m = min((height for height in heights if height != NO_HEIGHT_M), default=0.0)
-        if lowest_m < _LOWEST_GROUND_M:
-            raise HeightModelError(
-                f"{self._name} has heights of {lowest_m:,.0f} m there: holes that it does not declare.",
-                hint="Declare their value, such as -9999: `gdal_translate -a_nodata -9999 FILE NEW`.",
-            )
+        lowest_m, highest_m = _GROUND_M
+        for height in heights:
+            if height != NO_HEIGHT_M and not lowest_m <= height <= highest_m:
+                raise HeightModelError(
+                    f"{self._name} has heights of {height:,.9g} m there: holes that it does not declare.",
+                    hint="Declare their value, such as -9999: `gdal_translate -a_nodata -9999 FILE NEW`.",
+                )
         return heights
 
     def _steps_deg(self, middle: Place) -> tuple[float, float]:
