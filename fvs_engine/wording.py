@@ -7,7 +7,10 @@ from fvs_schema.candidates import CandidateStatus
 from fvs_schema.findings import Finding, FindingCode, Notice, Severity
 
 NEARER = "Give candidates nearer to the images: at most 15° from one to the next, as seen from the scene."
-ELSEWHERE = "Give candidates farther from matter, and as near to the images as these are to each other."
+ELSEWHERE = (
+    "Give candidates above the ground and farther from matter, and as near to the images as these are to "
+    "each other."
+)
 
 _BETWEEN = "Photograph what lies between them and the others."
 _LOOK = "Look at the result before use."

@@ -43,7 +43,6 @@ _ON_EARTH: frozenset[ExportFormat] = frozenset({"3d-tiles", "geojson", "laz"})
 """Formats that have no meaning in the model frame."""
 GEOREFERENCE = "georeference.json"
 _MAX_STEP_M = 0.001
-_SURFACES = {AltitudeDatum.SEA_LEVEL: "sea level", AltitudeDatum.TAKEOFF: "the point of takeoff"}
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,7 +68,7 @@ class _Export:
         if self.placement.alignment.status is AlignmentStatus.ILL_CONDITIONED:
             yield Finding.of(FindingCode.ILL_CONDITIONED)
         if "3d-tiles" in wanted and self.placement.origin.altitude_datum is not AltitudeDatum.ELLIPSOID:
-            surface = _SURFACES[self.placement.origin.altitude_datum]
+            surface = self.placement.origin.altitude_datum.surface
             yield Finding.of(FindingCode.HEIGHTS_NOT_ELLIPSOIDAL, surface=surface)
         step_m = position_step(self.gaussians) if {"spz", "3d-tiles"} & set(wanted) else 0.0
         if step_m > _MAX_STEP_M:

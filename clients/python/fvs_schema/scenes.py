@@ -35,6 +35,12 @@ class AltitudeDatum(Word):
     TAKEOFF = "takeoff"
     """The point of takeoff."""
 
+    @property
+    def surface(self) -> str:
+        """What altitudes are above, in words."""
+        names = {"ellipsoid": "the ellipsoid", "sea-level": "sea level", "takeoff": "the place of takeoff"}
+        return names[self.value]
+
 
 class Origin(Input):
     """The origin of the ENU world frame (x east, y north, z up, in metres). It never moves."""

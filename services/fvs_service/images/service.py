@@ -238,11 +238,11 @@ def _require_frame(scene: Scene, metadata: ImageMetadata) -> None:
     prior = metadata.prior()
     if prior is not None and not _same_datum(prior, scene):
         assert scene.origin is not None
-        datum = scene.origin.altitude_datum.value
+        datum = scene.origin.altitude_datum
         raise InvalidRequestError(
-            f"Altitudes of the scene are above {datum}, not {prior.altitude_datum}.",
-            hint=f"Convert the altitude and send altitude_datum={datum}; or omit the position.",
-            errors=[FieldError("altitude_datum", f"altitudes of the scene are above {datum}")],
+            f"Altitudes of the scene are above {datum.surface}, and the image's are not.",
+            hint=f"Convert the altitude and send altitude_datum={datum.value}; or omit the position.",
+            errors=[FieldError("altitude_datum", f"altitudes of the scene are above {datum.surface}")],
         )
 
 

@@ -7,11 +7,6 @@ from fvs_schema.scenes import AltitudeDatum
 from fvs_service.errors import InvalidRequestError
 
 _ABSOLUTE = frozenset({AltitudeDatum.ELLIPSOID, AltitudeDatum.SEA_LEVEL})
-_NAMES = {
-    AltitudeDatum.ELLIPSOID: "the ellipsoid",
-    AltitudeDatum.SEA_LEVEL: "sea level",
-    AltitudeDatum.TAKEOFF: "home",
-}
 
 
 @dataclass(frozen=True)
@@ -57,21 +52,21 @@ class Altitudes:
             if wanted not in possible:
                 have = ", ".join(f"altitude_datum={one.value}" for one in AltitudeDatum if one in possible)
                 raise InvalidRequestError(
-                    f"{what} has no altitudes above {_NAMES[wanted]}.", hint=f"It can have {have}."
+                    f"{what} has no altitudes above {wanted.surface}.", hint=f"It can have {have}."
                 )
             order = (wanted, wanted, wanted, wanted)
         for datum in order:
             if datum in possible and self.offset(datum) is not None:
                 return datum
         raise InvalidRequestError(
-            f"The scene's altitudes are above {_NAMES[self.datum]}, and cannot be converted for {what}.",
+            f"The scene's altitudes are above {self.datum.surface}, and cannot be converted for {what}.",
             hint=self._remedy(wanted),
         )
 
     def _remedy(self, wanted: AltitudeDatum | None) -> str:
         if self.datum is AltitudeDatum.TAKEOFF:
             return "Ask for altitude_datum=takeoff: nothing relates this scene to another datum."
-        home = f"home_altitude_m, the altitude of the place of takeoff above {_NAMES[self.datum]}"
+        home = f"home_altitude_m, the altitude of the place of takeoff above {self.datum.surface}"
         geoid = "geoid_height_m, the height of the geoid above the ellipsoid at the site"
         if wanted is AltitudeDatum.TAKEOFF:
             return f"Give {home}."

@@ -43,8 +43,8 @@ class Ground:
             offset_m = Altitudes(terrain.altitude_datum, None, options.geoid_height_m).offset(datum)
             if offset_m is None:
                 raise InvalidRequestError(
-                    f"Heights of the terrain are above {terrain.altitude_datum.value}, the scene's altitudes "
-                    f"above {datum.value}.",
+                    f"Heights of the terrain are above {terrain.altitude_datum.surface}, "
+                    f"the scene's altitudes above {datum.surface}.",
                     hint="Give home_altitude_m, above the datum of the scene's altitudes, or geoid_height_m.",
                     errors=[FieldError("home_altitude_m", "it is missing")],
                 )

@@ -110,8 +110,8 @@ class WorldFrame:
         origin = self.require_origin()
         if pose.altitude_datum is not origin.altitude_datum:
             raise InvalidRequestError(
-                f"Altitudes of the scene are above {origin.altitude_datum.value}, "
-                f"not {pose.altitude_datum.value}.",
+                f"Altitudes of the scene are above {origin.altitude_datum.surface}, "
+                f"not {pose.altitude_datum.surface}.",
                 hint="Convert the altitude.",
             )
         geodetic = GeodeticPosition(pose.latitude_deg, pose.longitude_deg, pose.altitude_m)
@@ -122,9 +122,9 @@ class WorldFrame:
         """The origin; raises ``InvalidRequestError`` when the scene is not georeferenced."""
         if self._origin is None or not self.aligned:
             raise InvalidRequestError(
-                "The scene is not georeferenced, so geodetic poses have no meaning in it.",
-                hint="Send images with GPS to a scene with an automatic or an enu world, or give poses as "
-                '{"frame", "position", "orientation_wxyz"}.',
+                "The scene is not georeferenced, so geodetic poses and terrains have no meaning in it.",
+                hint="Send images with GPS to a scene with an automatic or an enu world; or give poses as "
+                '{"frame", "position", "orientation_wxyz"}, and no terrain.',
             )
         return self._origin
 

@@ -95,7 +95,7 @@ def test_a_terrain_of_another_place_or_datum_is_refused() -> None:
     with pytest.raises(InvalidInputError, match=r"at any of the 1 candidates, around 46\.1"):
         GroundCheck.of({"one": elsewhere}, HOME, terrain)
     require_datum(terrain, AltitudeDatum.SEA_LEVEL)
-    with pytest.raises(InvalidInputError, match="above sea-level, the scene's altitudes above takeoff"):
+    with pytest.raises(InvalidInputError, match="above sea level, the scene's altitudes above the place"):
         require_datum(terrain, AltitudeDatum.TAKEOFF)
 
 

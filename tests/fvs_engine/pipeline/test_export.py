@@ -337,5 +337,5 @@ def test_snapshots_that_cannot_be_exported(made: GeoreferencedFolder, tmp_path: 
     assert "Download" in refused.value.hint
     above_takeoff = Origin(latitude_deg=50.82, longitude_deg=-0.14, altitude_m=0.0, altitude_datum="takeoff")
     root = _snapshot(made, tmp_path / "takeoff", above_takeoff)
-    with pytest.raises(InvalidInputError, match="above takeoff"):
+    with pytest.raises(InvalidInputError, match="above the place of takeoff"):
         export_model(root, geoid=45.5)

@@ -70,7 +70,7 @@ def test_without_a_candidate_above_the_ground_a_warning_says_so(gateway: Any) ->
 def test_a_terrain_above_another_datum_is_refused(gateway: Any) -> None:
     answer = _rank(gateway, terrain={**TERRAIN, "altitude_datum": "ellipsoid"})
     assert answer.status_code == 422
-    assert "above ellipsoid, the scene's altitudes above sea-level" in answer.json()["detail"]
+    assert "above the ellipsoid, the scene's altitudes above sea level" in answer.json()["detail"]
     assert [error["field"] for error in answer.json()["errors"]] == ["terrain.altitude_datum"]
     scene = gateway.scene()
     gateway.model(scene)
