@@ -11,7 +11,7 @@ from typing import Any
 import numpy as np
 import pytest
 from fvs_service.errors import StaleLeaseError
-from fvs_service.host.protocol.messages import FrameTaken
+from fvs_service.host.protocol.messages import FrameTaken, VideoTaken
 from fvs_service.host.runner import video_frames
 from fvs_service.host.runner.video_frames import VideoFrames, spacing_within
 from fvs_service.host.worker.taken_videos import TakenVideos
@@ -19,6 +19,7 @@ from videos import textured, write_video
 
 from fvs_engine.errors import Cancelled, InvalidInputError
 from fvs_engine.monitor import Monitor, Progress
+from fvs_schema.findings import Finding, FindingCode
 
 pytestmark = pytest.mark.process
 
@@ -237,6 +238,26 @@ def test_taking_frames_can_be_canceled(gateway: Any, clip: bytes) -> None:
     with pytest.raises(Cancelled):
         take(gateway, scene, monitor)
     assert gateway.client.get(video).json()["frames"] is None
+
+
+def test_frames_of_a_video_that_was_deleted_meanwhile_are_not_stored(
+    gateway: Any, clip: bytes, photograph: Callable[..., bytes], tmp_path: Path
+) -> None:
+    scene = gateway.scene()
+    video = send(gateway, scene, clip)
+    digest = video.rpartition("/")[2]
+    storage, lease = gateway.application.storage, gateway.lease(scene)
+    queued = {of: job for job, of in gateway.queued_jobs().items()}
+    job = storage.ledger.start(lease, queued[scene], 1)
+    with TakenVideos(storage, lease, job) as taken:
+        for number, name in enumerate(("a.jpg", "b.jpg")):
+            (tmp_path / name).write_bytes(photograph(number))
+            taken.record(FrameTaken(video=digest, name=name, file=str(tmp_path / name)))
+            gateway.client.delete(video)
+        blurred = Finding.of(FindingCode.FRAMES_BLURRED, ["b.jpg"], of=2)
+        taken.record(VideoTaken(video=digest, findings=(blurred,)))
+    assert [image["name"] for image in frames(gateway, scene)] == ["a.jpg"]
+    assert gateway.client.get(f"/v1/jobs/{job.id}").json()["warnings"] == []
 
 
 def test_a_frame_of_a_deleted_scene_ends_the_start(gateway: Any, clip: bytes, tmp_path: Path) -> None:

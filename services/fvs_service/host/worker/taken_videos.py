@@ -80,7 +80,10 @@ class TakenVideos:
 
     def _store(self, frame: FrameTaken) -> None:
         file, stored = Path(frame.file), self._stored[frame.video]
-        if frame.name in stored:
+        with self._storage.database.reading() as session:
+            tenant_of(session, self._job.scene_id)
+            deleted = repository.find_image(session, self._job.scene_id, frame.video) is None
+        if deleted or frame.name in stored:
             return
         staged = StagedFile(file, file_digest(file), file.stat().st_size)
         try:
@@ -102,11 +105,14 @@ class TakenVideos:
         with self._storage.database.writing(self._job.scene_id) as session:
             require_lease(session, self._lease)
             if taken.reason:
-                repository.change_video(
+                changed = repository.change_video(
                     session, video, Verdict.UNREADABLE, reason=taken.reason, hint=taken.hint
                 )
             else:
-                repository.change_video(session, video, Verdict.VIDEO, frames=len(set(stored.values())))
+                frames = len(set(stored.values()))
+                changed = repository.change_video(session, video, Verdict.VIDEO, frames=frames)
+            if changed is None:  # it was deleted
+                return
             remove_bytes(session, video)
             for finding in (*taken.findings, *(() if full is None else (full,))):
                 add_warning(session, self._job.id, _notice(finding, stored))
