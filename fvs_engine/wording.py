@@ -231,20 +231,20 @@ WORDING: Mapping[FindingCode, tuple[str, str]] = {
         "Go on with these frames, or copy the video from the camera again.",
     ),
     FindingCode.FRAMES_BLURRED: (
-        "{count} of the {of:.0f} frames are blurred: {images}.",
+        "{count:,} of {of:,.0f} frames are blurred: {images}.",
         "Delete them, or film more slowly, or in more light.",
     ),
     FindingCode.FRAMES_WITHOUT_POSITION: (
-        "{count} of the {of:.0f} frames have no position: {images}.",
+        "{count:,} of {of:,.0f} frames have no position: {images}.",
         "Put the drone's subtitles beside the video, as VIDEO.SRT, or film with GPS.",
     ),
     FindingCode.FRAMES_WITHOUT_ALTITUDE: (
-        "{count} of the {of:.0f} frames have a position without an altitude above sea level, which is not "
+        "{count:,} of {of:,.0f} frames have a position without an altitude above sea level, which is not "
         "used: {images}.",
         "Give their altitudes when you upload them.",
     ),
     FindingCode.FRAMES_ABOVE_ELLIPSOID: (
-        "{count} of the {of:.0f} frames have an altitude above the ellipsoid, which is taken for one above "
+        "{count:,} of {of:,.0f} frames have an altitude above the ellipsoid, which is taken for one above "
         "sea level: {images}.",
         "All are wrong by the height of the geoid, at most 110 m. Control points place the model right.",
     ),

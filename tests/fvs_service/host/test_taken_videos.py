@@ -162,7 +162,9 @@ def test_equal_frames_are_one_image_and_take_the_room_of_one(
     path = write_video(tmp_path / "still.mp4", [(float(n), grey) for n in range(4)])
     still = send(gateway, scene, path.read_bytes(), name="still.mp4")
     send(gateway, scene, clip, every_s=2.0)
-    take(gateway, scene)
+    warning, *_ = take(gateway, scene)
+    assert warning["message"].startswith("4 of 4 frames have no position: still_00h00m00.000s.jpg, ")
+    assert len(warning["images"]) == 1
     assert gateway.client.get(still).json()["frames"] == 1
     assert len(frames(gateway, scene)) == 4
 

@@ -119,6 +119,6 @@ class TakenVideos:
 
 
 def _notice(finding: Finding, digests: dict[str, str]) -> Notice:
-    """The finding for clients, with the digests of the images that are frames."""
-    images = tuple(digests.get(name, name) for name in finding.images)
-    return notice(finding).model_copy(update={"images": images})
+    """The finding for clients, with the digests of the images that are frames, each once."""
+    images = dict.fromkeys(digests.get(name, name) for name in finding.images)
+    return notice(finding).model_copy(update={"images": tuple(images)})
