@@ -23,6 +23,7 @@ from grpc_health.v1.health_pb2 import HealthCheckRequest, HealthCheckResponse
 from grpc_health.v1.health_pb2_grpc import HealthStub
 from grpc_reflection.v1alpha.reflection_pb2 import ServerReflectionRequest, ServerReflectionResponse
 from PIL import Image
+from PIL.PngImagePlugin import PngInfo
 
 from fvs_engine.candidates import CandidateScore
 from fvs_schema.candidates import CandidateStatus
@@ -390,7 +391,7 @@ def test_calls_are_logged_with_what_they_are_about_and_why_they_fail(
 def test_subtitles_are_one_message_before_their_video(tenant: Any, photograph: Callable[..., bytes]) -> None:
     scene, content = tenant.scene(), photograph(17)
     call = tenant.transport.unary("SetSubtitles")
-    request = images.SetSubtitlesRequest(scene_id=scene, digest=digest_of(content), subtitles=b"1")
+    request = images.SetSubtitlesRequest(scene_id=scene, digest=digest_of(content), subtitles=b"1" * 200_000)
     for _ in range(2):
         call(request, metadata=with_key(tenant))
     tenant.upload(scene, content)
@@ -401,8 +402,9 @@ def test_subtitles_are_one_message_before_their_video(tenant: Any, photograph: C
 def test_a_mask_is_a_png_in_one_message(tenant: Any, photograph: Callable[..., bytes]) -> None:
     scene, content = tenant.scene(), photograph(16)
     digest = tenant.upload(scene, content).result["digest"]
-    out = io.BytesIO()
-    Image.fromarray(np.tile(np.arange(96) < 40, (64, 1))).save(out, "PNG")
+    out, text = io.BytesIO(), PngInfo()
+    text.add_text("Comment", "large" * 40_000)
+    Image.fromarray(np.tile(np.arange(96) < 40, (64, 1))).save(out, "PNG", pnginfo=text)
     call = tenant.transport.unary("SetMask")
     request = images.SetMaskRequest(scene_id=scene, digest=digest, mask=out.getvalue())
     for _ in range(2):

@@ -127,6 +127,17 @@ def _routes(app: Any) -> list[APIRoute]:
     return [route for route in found if isinstance(route, APIRoute) and route.include_in_schema]
 
 
+def test_a_thousand_control_points_are_read(gateway: Any) -> None:
+    marks = [{"image": "DJI_0021.JPG", "x_px": 1102.7, "y_px": 2208.0}]
+    points = [
+        {"name": f"G{n}", "x": 537_653.198 + n, "y": 5_260_847.354, "z": 410.1, "marks": marks}
+        for n in range(1000)
+    ]
+    path = f"/v1/scenes/{gateway.scene()}/control-points"
+    answer = gateway.client.put(path, json={"crs": "EPSG:25832", "points": points})
+    assert answer.status_code == 200, answer.text
+
+
 def test_every_list_of_a_body_ends_early(gateway: Any) -> None:
     kinds = [route.body for route in _routes(gateway.app) if isinstance(route, JsonRoute) and route.body]
     assert len(kinds) >= 4

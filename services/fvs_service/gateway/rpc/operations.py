@@ -31,8 +31,18 @@ from fvs_service.principal import Principal
 T = TypeVar("T")
 
 _WITH_LISTS = frozenset(
-    {"CheckImages", "CreateMission", "PlanViews", "RankViews", "SetControlPoints", "StreamRankViews"}
+    {
+        "CheckImages",
+        "CreateMission",
+        "PlanViews",
+        "RankViews",
+        "SetControlPoints",
+        "SetMask",
+        "SetSubtitles",
+        "StreamRankViews",
+    }
 )
+"""Methods whose requests have a list or a file."""
 _WITHOUT_LISTS_BYTES = 65_536
 """Maximum size of the requests of all other methods."""
 _SMALL_BYTES = 4_096
