@@ -15,6 +15,7 @@ from fvs_client.cli.progress import ranking_progress
 from fvs_client.errors import ApiError, ConnectionFailedError, FvsError
 from PIL import Image
 from typer.testing import Result
+from videos import textured, write_video
 
 from fvs_schema.rankings import ScoredCandidate
 from fvs_schema.scenes import Alignment, AlignmentStatus
@@ -351,10 +352,18 @@ def test_images_are_listed_with_what_became_of_them(run: Run, scene_id: str, pho
     mask.putpixel((0, 0), 0)
     (photographs / "masks").mkdir()
     mask.save(photographs / "masks" / "a.png")
+    write_video(photographs / "v.mp4", [(0.0, textured())])
     run("upload", scene_id, str(photographs), expect=10)
     assert run("images", scene_id).stdout.count("masked") == 1
+    assert "its frames are to come" in " ".join(run("images", scene_id).stdout.split())
     listed = json.loads(run("images", scene_id, "--json").stdout)
-    assert sorted(image["name"] for image in listed) == ["a.JPG", "b.jpg", "broken.jpg", "left_c.png"]
+    assert sorted(image["name"] for image in listed) == [
+        "a.JPG",
+        "b.jpg",
+        "broken.jpg",
+        "left_c.png",
+        "v.mp4",
+    ]
     assert "unreadable" in run("images", scene_id, "--problems").stdout
 
 

@@ -184,7 +184,9 @@ def _named(listed: list[Image], wanted: list[str]) -> list[Image]:
 
 
 def _remarks(image: Image) -> str:
-    notes = (*image.warnings, *(() if image.mask is None else ("masked",)))
+    notes = [*image.warnings, *(() if image.mask is None else ("masked",))]
+    if image.verdict is Verdict.VIDEO:
+        notes.append("its frames are to come" if image.frames is None else f"frames: {image.frames}")
     return " ".join(part for part in (image.reason, image.hint, ", ".join(notes)) if part)
 
 
