@@ -88,7 +88,7 @@ class Placement:
         """
         if self.origin.altitude_datum is not AltitudeDatum.SEA_LEVEL:
             raise InvalidInputError(
-                f"The scene's altitudes are above {self.origin.altitude_datum.surface}.",
+                f"The scene's altitudes are above {self.origin.altitude_datum.in_words}.",
                 hint="A geoid is for altitudes above sea level: leave it out.",
             )
         altitude_m = self.origin.altitude_m + geoid_height_m

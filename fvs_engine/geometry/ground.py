@@ -59,7 +59,7 @@ def require_datum(terrain: Terrain, datum: AltitudeDatum) -> None:
     """Raise ``InvalidInputError`` for a terrain above another ``datum`` than a scene's altitudes."""
     if terrain.altitude_datum is not datum:
         raise InvalidInputError(
-            f"Heights of the terrain are above {terrain.altitude_datum.surface}, the scene's altitudes above "
-            f"{datum.surface}.",
+            f"Heights of the terrain are above {terrain.altitude_datum.in_words}, "
+            f"the scene's altitudes above {datum.in_words}.",
             hint="Add the difference to its heights, and give the scene's datum as its altitude_datum.",
         )

@@ -68,7 +68,7 @@ class _Export:
         if self.placement.alignment.status is AlignmentStatus.ILL_CONDITIONED:
             yield Finding.of(FindingCode.ILL_CONDITIONED)
         if "3d-tiles" in wanted and self.placement.origin.altitude_datum is not AltitudeDatum.ELLIPSOID:
-            surface = self.placement.origin.altitude_datum.surface
+            surface = self.placement.origin.altitude_datum.in_words
             yield Finding.of(FindingCode.HEIGHTS_NOT_ELLIPSOIDAL, surface=surface)
         step_m = position_step(self.gaussians) if {"spz", "3d-tiles"} & set(wanted) else 0.0
         if step_m > _MAX_STEP_M:

@@ -67,7 +67,7 @@ def read_dataset(images: Path, colmap: Path | None = None, transforms: Path | No
     """The photographs in ``images`` with the poses of a COLMAP model or of a ``transforms.json``.
 
     ``colmap`` is a folder with the model in or below it. The masks are those of the ``transforms.json``.
-    Posed views without a photograph and photographs without a pose are left out, with a warning. Cameras
+    Views without a photograph and photographs without a pose are left out, with a warning. Cameras
     belong to the stored pixels of their photographs, whatever the EXIF says; these may differ in size from
     the camera if the aspect ratio is the same. Raises ``InvalidInputError`` when none or both of the two are
     given, when fewer than two views remain, for poses that are not finite or not rotations, and for

@@ -32,7 +32,7 @@ _UNTOLD_COLORS = 2
 """The colour space of frames that do not tell theirs."""
 _HD_WIDTH_PX = 1280
 _MISSING_S = 1.0
-"""How much earlier than its header says the pictures of a whole video may end: its sound may be longer."""
+"""How much earlier than its header says the frames of a whole video may end: its sound may be longer."""
 
 
 @dataclass
@@ -105,7 +105,7 @@ def open_video(path: Path) -> Iterator[Video]:
         stream = next(streams, None)
         if stream is None:
             raise InvalidInputError(
-                f"{path} has no pictures that can be decoded.",
+                f"{path} has no frames that can be decoded.",
                 hint="Give a video of H.264, H.265, VP9 or AV1, or convert it: ffmpeg -i VIDEO NEW.mp4",
                 path=path,
             )

@@ -36,7 +36,7 @@ class AltitudeDatum(Word):
     """The point of takeoff."""
 
     @property
-    def surface(self) -> str:
+    def in_words(self) -> str:
         """What altitudes are above, in words."""
         names = {"ellipsoid": "the ellipsoid", "sea-level": "sea level", "takeoff": "the place of takeoff"}
         return names[self.value]

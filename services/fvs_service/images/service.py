@@ -240,9 +240,9 @@ def _require_frame(scene: Scene, metadata: ImageMetadata) -> None:
         assert scene.origin is not None
         datum = scene.origin.altitude_datum
         raise InvalidRequestError(
-            f"Altitudes of the scene are above {datum.surface}, and the image's are not.",
+            f"Altitudes of the scene are above {datum.in_words}, and the image's are not.",
             hint=f"Convert the altitude and send altitude_datum={datum.value}; or omit the position.",
-            errors=[FieldError("altitude_datum", f"altitudes of the scene are above {datum.surface}")],
+            errors=[FieldError("altitude_datum", f"altitudes of the scene are above {datum.in_words}")],
         )
 
 

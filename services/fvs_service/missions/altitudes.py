@@ -52,21 +52,21 @@ class Altitudes:
             if wanted not in possible:
                 have = ", ".join(f"altitude_datum={one.value}" for one in AltitudeDatum if one in possible)
                 raise InvalidRequestError(
-                    f"{what} has no altitudes above {wanted.surface}.", hint=f"It can have {have}."
+                    f"{what} has no altitudes above {wanted.in_words}.", hint=f"It can have {have}."
                 )
             order = (wanted, wanted, wanted, wanted)
         for datum in order:
             if datum in possible and self.offset(datum) is not None:
                 return datum
         raise InvalidRequestError(
-            f"The scene's altitudes are above {self.datum.surface}, and cannot be converted for {what}.",
+            f"The scene's altitudes are above {self.datum.in_words}, and cannot be converted for {what}.",
             hint=self._remedy(wanted),
         )
 
     def _remedy(self, wanted: AltitudeDatum | None) -> str:
         if self.datum is AltitudeDatum.TAKEOFF:
             return "Ask for altitude_datum=takeoff: nothing relates this scene to another datum."
-        home = f"home_altitude_m, the altitude of the place of takeoff above {self.datum.surface}"
+        home = f"home_altitude_m, the altitude of the place of takeoff above {self.datum.in_words}"
         geoid = "geoid_height_m, the height of the geoid above the ellipsoid at the site"
         if wanted is AltitudeDatum.TAKEOFF:
             return f"Give {home}."

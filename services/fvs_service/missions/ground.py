@@ -43,8 +43,8 @@ class Ground:
             offset_m = Altitudes(terrain.altitude_datum, None, options.geoid_height_m).offset(datum)
             if offset_m is None:
                 raise InvalidRequestError(
-                    f"Heights of the terrain are above {terrain.altitude_datum.surface}, "
-                    f"the scene's altitudes above {datum.surface}.",
+                    f"Heights of the terrain are above {terrain.altitude_datum.in_words}, "
+                    f"the scene's altitudes above {datum.in_words}.",
                     hint="Give home_altitude_m, above the datum of the scene's altitudes, or geoid_height_m.",
                     errors=[FieldError("home_altitude_m", "it is missing")],
                 )

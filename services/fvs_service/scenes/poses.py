@@ -110,8 +110,8 @@ class WorldFrame:
         origin = self.require_origin()
         if pose.altitude_datum is not origin.altitude_datum:
             raise InvalidRequestError(
-                f"Altitudes of the scene are above {origin.altitude_datum.surface}, "
-                f"not {pose.altitude_datum.surface}.",
+                f"Altitudes of the scene are above {origin.altitude_datum.in_words}, "
+                f"not {pose.altitude_datum.in_words}.",
                 hint="Convert the altitude.",
             )
         geodetic = GeodeticPosition(pose.latitude_deg, pose.longitude_deg, pose.altitude_m)

@@ -100,8 +100,8 @@ class Scenes:
                 repository.set_origin(session, scene_id, survey.origin)
             elif scene.origin.altitude_datum is not survey.datum:
                 raise InvalidRequestError(
-                    f"The heights are above {survey.datum.surface}, and the scene's origin is above "
-                    f"{scene.origin.altitude_datum.surface}.",
+                    f"The heights are above {survey.datum.in_words}, and the scene's origin is above "
+                    f"{scene.origin.altitude_datum.in_words}.",
                     hint="Convert the heights, and say so with altitude_datum.",
                 )
             repository.set_control_points(session, scene_id, points)

@@ -160,7 +160,7 @@ def _photograph(path: Path) -> None:
         (lambda video: video.write_bytes(b""), "not a video"),
         (lambda video: video.write_bytes(_SESSION + b"a=rtpmap:96 H264/90000\n"), "not a video"),
         (_photograph, "not a video"),
-        (lambda video: video.write_bytes(video.read_bytes().replace(b"avc1", b"none")), "no pictures that"),
+        (lambda video: video.write_bytes(video.read_bytes().replace(b"avc1", b"none")), "no frames that"),
         (lambda video: video.unlink(), "cannot be read: No such file"),
         (lambda video: video.unlink() or video.mkdir(), "cannot be read: Is a directory"),
     ],
