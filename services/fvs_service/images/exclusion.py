@@ -97,7 +97,9 @@ def accepted_image(session: Session, principal: Principal, scene_id: str, digest
             "The image is a video, which models do not use.", hint="The images from its frames are used."
         )
     if image.verdict is not Verdict.ACCEPTED:
-        raise ConflictError(f"The image is not used in models: it is {image.verdict.value}.", hint=image.hint)
+        raise ConflictError(
+            f"The image is not used in models: its verdict is {image.verdict.value}.", hint=image.hint
+        )
     return image
 
 

@@ -147,7 +147,7 @@ class Images:
         image = self.get(principal, scene_id, digest)
         if image.verdict is not Verdict.ACCEPTED:
             raise NotFoundError(
-                f"The bytes of the image are not kept: it is {image.verdict.value}.",
+                f"The bytes of the image are not kept: its verdict is {image.verdict.value}.",
                 hint="Only accepted images can be downloaded."
                 if image.duplicate_of is None
                 else f"Download {image.duplicate_of}, which has the same pixels.",

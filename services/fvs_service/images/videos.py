@@ -41,7 +41,12 @@ class Videos:
         key = subtitles_key(scene_id, digest.removeprefix("sha256:"))
         with self._database.writing(scene_id) as session:
             scene_of(session, principal, scene_id)
-            if repository.find_image(session, scene_id, digest) is not None:
+            found = repository.find_image(session, scene_id, digest)
+            if found is not None and not is_video(found.name):
+                raise ConflictError(
+                    f"{found.name} is no video, and has no subtitles.", hint="Give the digest of a video."
+                )
+            if found is not None:
                 raise ConflictError(
                     "The scene has the video already, and subtitles are read with its frames.",
                     hint="Delete the video and its frames, then send the subtitles before the video.",

@@ -84,6 +84,13 @@ def test_subtitles_go_before_their_video_and_with_it(gateway: Any, clip: bytes) 
     assert kept(gateway, scene) == []
 
 
+def test_a_photograph_has_no_subtitles(gateway: Any, photograph: Callable[..., bytes]) -> None:
+    scene, content = gateway.scene(), photograph(1)
+    gateway.put(scene, content, name="a.jpg")
+    answer = gateway.client.put(path_of(scene, content, "/subtitles"), content=SRT)
+    assert (answer.status_code, answer.json()["detail"]) == (409, "a.jpg is no video, and has no subtitles.")
+
+
 def test_deleting_a_scene_deletes_its_video(gateway: Any, clip: bytes) -> None:
     scene = gateway.scene()
     gateway.put(scene, clip, name="a.mp4")
