@@ -238,9 +238,10 @@ def _require_frame(scene: Scene, metadata: ImageMetadata) -> None:
     prior = metadata.prior()
     if prior is not None and not _same_datum(prior, scene):
         assert scene.origin is not None
+        assert prior.altitude_datum is not None
         datum = scene.origin.altitude_datum
         raise InvalidRequestError(
-            f"Altitudes of the scene are above {datum.in_words}, and the image's are not.",
+            f"Altitudes of the scene are above {datum.in_words}, not {prior.altitude_datum.in_words}.",
             hint=f"Convert the altitude and send altitude_datum={datum.value}; or omit the position.",
             errors=[FieldError("altitude_datum", f"altitudes of the scene are above {datum.in_words}")],
         )

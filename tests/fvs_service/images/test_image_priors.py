@@ -111,7 +111,7 @@ def test_altitudes_must_be_above_what_the_scenes_are_above(gateway: Any, photogr
     here = {"latitude_deg": 48.0, "longitude_deg": 7.0, "altitude_m": 430.0}
     refused = gateway.put(scene, photograph(1), **here)
     assert refused.status_code == 422
-    assert "takeoff, not sea-level" in refused.json()["detail"]
+    assert "above the place of takeoff, not sea level." in refused.json()["detail"]
     assert gateway.put(scene, photograph(1), altitude_datum="takeoff").status_code == 422
     assert gateway.put(scene, photograph(1), **here, altitude_datum="takeoff").status_code == 201
     by_gps = gateway.put(scene, photograph(2, exif=_gps((48, 18, 0), (7, 15, 0)))).json()
