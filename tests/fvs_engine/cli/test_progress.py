@@ -27,6 +27,7 @@ def test_machines_get_json_lines() -> None:
                 "code": "few-features",
                 "severity": "warning",
                 "images": ["a.jpg"],
+                "candidates": [],
                 "numbers": {},
                 "texts": {},
                 "message": "Almost no texture in a.jpg.",
