@@ -27,6 +27,10 @@ from xdist.scheduler import LoadScopeScheduling
 # Whichever test imports pymavlink first.
 os.environ["MAVLINK20"] = "1"
 
+# Triton's kernels run in its interpreter where there is no device; it is asked when they are defined.
+if not Path("/dev/nvidia0").exists():
+    os.environ["TRITON_INTERPRET"] = "1"
+
 # How long an example takes says how busy the machine is.
 hypothesis.settings.register_profile("quick", deadline=None, max_examples=25)
 hypothesis.settings.register_profile("thorough", deadline=None, max_examples=200)

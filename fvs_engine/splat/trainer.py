@@ -18,6 +18,7 @@ from fvs_engine.errors import InvalidInputError, StorageError, TrainingError
 from fvs_engine.geometry import PinholeCamera
 from fvs_engine.monitor import Monitor
 from fvs_engine.splat.checkpoint import read_checkpoint, write_checkpoint
+from fvs_engine.splat.conventions import NEAR_PLANE
 from fvs_engine.splat.densification import (
     GradientStatistics,
     densify,
@@ -28,7 +29,7 @@ from fvs_engine.splat.densification import (
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.losses import photometric_loss
 from fvs_engine.splat.optimiser import GaussianAdam, learning_rates_at
-from fvs_engine.splat.raster.interface import NEAR_PLANE, Rasterizer, Rendering
+from fvs_engine.splat.raster.interface import Rasterizer, Rendering
 from fvs_engine.splat.settings import TrainingSettings
 from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.view_order import ViewOrder

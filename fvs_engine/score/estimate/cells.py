@@ -13,9 +13,8 @@ from numpy.typing import NDArray
 
 from fvs_engine.compilation.kernels import F, inlined_kernel, kernel
 from fvs_engine.score.estimate.projection import BLUR, XX, XY, YY
-from fvs_engine.splat.raster.interface import ALPHA_MAX
+from fvs_engine.splat.conventions import ALPHA_MAX, BLUE, CENTER_X, CENTER_Y, OPACITY, RED
 from fvs_engine.splat.raster.kernels.blending import exp_of_minus_eight
-from fvs_engine.splat.raster.kernels.records import BLUE, CENTER_X, CENTER_Y, OPACITY, RED
 
 Floats = NDArray[np.float32]
 

@@ -12,9 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.compilation.kernels import F, kernel
-from fvs_engine.splat.raster.interface import BLUR_PX2, NEAR_PLANE
+from fvs_engine.splat.conventions import BLUE, BLUR_PX2, CENTER_X, CENTER_Y, DEPTH, NEAR_PLANE, OPACITY, RED
 from fvs_engine.splat.raster.kernels.projection import MARGIN, MOST_BLUR
-from fvs_engine.splat.raster.kernels.records import BLUE, CENTER_X, CENTER_Y, DEPTH, OPACITY, RED
 
 Floats = NDArray[np.float32]
 

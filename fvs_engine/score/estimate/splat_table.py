@@ -11,9 +11,9 @@ from fvs_engine.score.estimate.cells import LEAST_CELL_PX, MOST_CELLS, cover
 from fvs_engine.score.estimate.powers import median_log_magnitude
 from fvs_engine.score.estimate.projection import BLOCK, RECORD_SIZE, front_to_back, project
 from fvs_engine.score.estimate.spectrum import expected_powers
+from fvs_engine.splat.conventions import ALPHA_MIN
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster.cpu import PackedView
-from fvs_engine.splat.raster.interface import ALPHA_MIN
 from fvs_engine.splat.raster.reference_projection import rotation_matrices
 from fvs_engine.splat.spherical_harmonics import SH_C0
 from fvs_engine.views import PinholeView

@@ -12,10 +12,10 @@ from torch import Tensor
 from fvs_engine.compilation.ahead import ensure_compiled
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.monitor import Monitor
+from fvs_engine.splat.conventions import CENTER_X, GRADIENT_SIZE, RECORD_SIZE
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster.interface import Rendering, SquaredJacobian
 from fvs_engine.splat.raster.kernels import binning, blending, drawing, projection, squares
-from fvs_engine.splat.raster.kernels.records import CENTER_X, GRADIENT_SIZE, RECORD_SIZE
 
 Floats = NDArray[np.float32]
 

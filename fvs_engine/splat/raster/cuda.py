@@ -12,8 +12,9 @@ from torch import Tensor
 
 from fvs_engine.errors import BackendUnavailableError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.splat.conventions import ALPHA_MIN, BLUR_PX2, NEAR_PLANE
 from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.raster.interface import ALPHA_MIN, BLUR_PX2, NEAR_PLANE, Rendering
+from fvs_engine.splat.raster.interface import Rendering
 
 try:
     # gsplat reports its compilation on stdout, which is reserved for the program's JSON document.

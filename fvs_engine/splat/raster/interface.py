@@ -1,14 +1,4 @@
-"""The interface of rasterisers.
-
-Conventions shared by all backends, so that they can be tested against one another (gsplat's "classic" mode):
-
-* a Gaussian is culled when its depth is < ``NEAR_PLANE`` or its screen ellipse misses the image;
-* the 2D covariance gets ``BLUR_PX2`` added to its diagonal (the low-pass of the 3DGS paper);
-* the ellipse extends to ``3.33 σ`` or to where alpha falls under 1/255, whichever is nearer;
-* a splat's alpha is min(0.999, opacity · exp(−½ dᵀ Σ⁻¹ d)), skipped under 1/255;
-* a pixel is finished before the splat that would take its transmittance under ``TRANSMITTANCE_MIN``;
-* splats are blended front to back by the depth of their centres; ties by index.
-"""
+"""The interface of rasterisers; the rules that all keep are in ``splat.conventions``."""
 
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
@@ -18,12 +8,6 @@ from torch import Tensor
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.splat.gaussians import Gaussians
-
-NEAR_PLANE = 0.01
-BLUR_PX2 = 0.3
-ALPHA_MIN = 1.0 / 255.0
-ALPHA_MAX = 0.999
-TRANSMITTANCE_MIN = 1e-4
 
 
 class HasGradient(Protocol):

@@ -7,13 +7,9 @@ import torch
 from torch import Tensor
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.splat.conventions import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN
 from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.raster.interface import (
-    ALPHA_MAX,
-    ALPHA_MIN,
-    TRANSMITTANCE_MIN,
-    Rendering,
-)
+from fvs_engine.splat.raster.interface import Rendering
 from fvs_engine.splat.raster.reference_projection import ScreenSplats, project
 
 TILE_PX = 16

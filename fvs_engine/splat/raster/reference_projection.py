@@ -18,8 +18,8 @@ import torch
 from torch import Tensor
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.splat.conventions import ALPHA_MIN, BLUR_PX2, NEAR_PLANE
 from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.raster.interface import ALPHA_MIN, BLUR_PX2, NEAR_PLANE
 from fvs_engine.splat.spherical_harmonics import sh_colors
 
 

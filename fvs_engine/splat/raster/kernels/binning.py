@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.compilation.kernels import F, inlined_kernel, kernel, parallel_kernel
-from fvs_engine.splat.raster.kernels.records import (
+from fvs_engine.splat.conventions import (
     CENTER_X,
     CENTER_Y,
     DEPTH,

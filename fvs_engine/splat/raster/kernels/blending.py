@@ -21,9 +21,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.compilation.kernels import F, kernel, parallel_kernel
-from fvs_engine.splat.raster.interface import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN
-from fvs_engine.splat.raster.kernels.binning import HALVES, LANES, TILE_PX
-from fvs_engine.splat.raster.kernels.records import (
+from fvs_engine.splat.conventions import (
+    ALPHA_MAX,
+    ALPHA_MIN,
     BLUE,
     CENTER_X,
     CENTER_Y,
@@ -35,7 +35,9 @@ from fvs_engine.splat.raster.kernels.records import (
     GREEN,
     OPACITY,
     RED,
+    TRANSMITTANCE_MIN,
 )
+from fvs_engine.splat.raster.kernels.binning import HALVES, LANES, TILE_PX
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]

@@ -16,15 +16,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.compilation.kernels import F, inlined_kernel, kernel, parallel_kernel
-from fvs_engine.splat.raster.kernels.binning import LANES, SLACK_PX, tile_box, tile_columns
-from fvs_engine.splat.raster.kernels.blending import (
-    LEAST_ALPHA,
-    LEAST_T,
-    MOST_ALPHA,
-    SQRT_EIGHTH,
-    exp_of_minus_eight,
-)
-from fvs_engine.splat.raster.kernels.records import (
+from fvs_engine.splat.conventions import (
     BLUE,
     CENTER_X,
     CENTER_Y,
@@ -40,6 +32,14 @@ from fvs_engine.splat.raster.kernels.records import (
     RED,
     SLOPE_X,
     SLOPE_Y,
+)
+from fvs_engine.splat.raster.kernels.binning import LANES, SLACK_PX, tile_box, tile_columns
+from fvs_engine.splat.raster.kernels.blending import (
+    LEAST_ALPHA,
+    LEAST_T,
+    MOST_ALPHA,
+    SQRT_EIGHTH,
+    exp_of_minus_eight,
 )
 
 Floats = NDArray[np.float32]

@@ -12,10 +12,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.compilation.kernels import F, kernel, parallel_kernel
-from fvs_engine.splat.raster.interface import ALPHA_MIN, BLUR_PX2, NEAR_PLANE
-from fvs_engine.splat.raster.kernels.harmonics import C0, basis, basis_derivatives
-from fvs_engine.splat.raster.kernels.records import (
+from fvs_engine.splat.conventions import (
+    ALPHA_MIN,
     BLUE,
+    BLUR_PX2,
     CENTER_X,
     CENTER_Y,
     DEPTH,
@@ -26,12 +26,14 @@ from fvs_engine.splat.raster.kernels.records import (
     FACTOR_K,
     GREEN,
     HEIGHT,
+    NEAR_PLANE,
     OPACITY,
     RED,
     SLOPE_X,
     SLOPE_Y,
     WIDTH,
 )
+from fvs_engine.splat.raster.kernels.harmonics import C0, basis, basis_derivatives
 
 Floats = NDArray[np.float32]
 

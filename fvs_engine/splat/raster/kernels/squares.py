@@ -18,6 +18,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from fvs_engine.compilation.kernels import F, kernel, parallel_kernel
+from fvs_engine.splat.conventions import (
+    BLUE,
+    CENTER_X,
+    CENTER_Y,
+    FACTOR_A,
+    FACTOR_B,
+    FACTOR_K,
+    GREEN,
+    OPACITY,
+    RED,
+)
 from fvs_engine.splat.raster.kernels.binning import HALVES, LANES, TILE_PX
 from fvs_engine.splat.raster.kernels.blending import (
     AREA,
@@ -30,17 +41,6 @@ from fvs_engine.splat.raster.kernels.blending import (
     retire,
 )
 from fvs_engine.splat.raster.kernels.harmonics import C0, basis
-from fvs_engine.splat.raster.kernels.records import (
-    BLUE,
-    CENTER_X,
-    CENTER_Y,
-    FACTOR_A,
-    FACTOR_B,
-    FACTOR_K,
-    GREEN,
-    OPACITY,
-    RED,
-)
 
 Floats = NDArray[np.float32]
 Ints = NDArray[np.int32]

@@ -11,8 +11,7 @@ from fvs_engine.score.estimate.cells import CELL_VARIANCE, LEAST_SEEN, MOST_SMAL
 from fvs_engine.score.estimate.powers import EVENNESS, SPACING, sum_powers
 from fvs_engine.score.estimate.projection import BINS, DEPTH, REACH, RECORD_SIZE, XX, XY, YY, front_to_back
 from fvs_engine.score.estimate.spectrum import GRID
-from fvs_engine.splat.raster.interface import ALPHA_MAX, ALPHA_MIN
-from fvs_engine.splat.raster.kernels.records import CENTER_X, CENTER_Y, OPACITY, RED
+from fvs_engine.splat.conventions import ALPHA_MAX, ALPHA_MIN, CENTER_X, CENTER_Y, OPACITY, RED
 
 Floats = NDArray[np.float64]
 

@@ -13,9 +13,9 @@ import torch
 from torch import Tensor
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.splat.conventions import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import Rasterizer
-from fvs_engine.splat.raster.interface import ALPHA_MAX, ALPHA_MIN, TRANSMITTANCE_MIN
 from fvs_engine.splat.raster.reference_projection import project
 
 CAMERA = PinholeCamera(75, 54, 60.0, 62.0, 36.0, 28.0)  # no multiple of a tile, principal point off centre

@@ -1,0 +1,1 @@
+"""Triton kernels of the GPU: projection, binning, blending, the loss, Adam, and the median of a spectrum."""
