@@ -37,7 +37,58 @@ class Kernel:
         return " ".join([self.name, *(f"{key}={value}" for key, value in self.constants.items())])
 
 
-KERNELS: list[Kernel] = []
+KERNELS: list[Kernel] = [
+    Kernel(
+        "photometric.ssim_rows",
+        "*fp32 *u8 *fp32 i32 i32 *fp32 *fp32",
+        168,
+        4,
+        {"MASKED": False, "LANES": 128, "ROWS": 32},
+    ),
+    Kernel(
+        "photometric.gradient_rows",
+        "*fp32 *u8 *fp32 i32 i32 *fp32 fp32 fp32 *fp32 *fp32",
+        96,
+        4,
+        {"MASKED": False, "LANES": 128, "ROWS": 32},
+    ),
+    Kernel(
+        "photometric.ssim_rows",
+        "*fp32 *u8 *fp32 i32 i32 *fp32 *fp32",
+        168,
+        4,
+        {"MASKED": True, "LANES": 128, "ROWS": 32},
+    ),
+    Kernel(
+        "photometric.gradient_rows",
+        "*fp32 *u8 *fp32 i32 i32 *fp32 fp32 fp32 *fp32 *fp32",
+        96,
+        4,
+        {"MASKED": True, "LANES": 128, "ROWS": 32},
+    ),
+    Kernel(
+        "photometric.loss_of_sums",
+        "*fp32 i32 fp32 fp32 fp32 *fp32 *i32",
+        64,
+        4,
+        {"GUARDED": True, "SUMS": 1024},
+    ),
+    Kernel(
+        "adam.adam",
+        "*fp32 *fp32 *fp32 *fp32 *fp32 *i32 i32 i32 fp32 fp32 fp32 fp32 fp32",
+        96,
+        4,
+        {"WIDTH": 1, "SPARSE": False, "BLOCK": 1024},
+    ),
+    Kernel(
+        "adam.adam",
+        "*fp32 *fp32 *fp32 *fp32 *fp32 *i32 i32 i32 fp32 fp32 fp32 fp32 fp32",
+        96,
+        4,
+        {"WIDTH": 45, "SPARSE": True, "BLOCK": 1024},
+    ),
+    Kernel("adam.gradient_norms", "*fp32 *fp32 *fp32 *fp32 *i32 i32 i32 fp32 fp32", 96, 4, {"BLOCK": 1024}),
+]
 
 
 @cache
