@@ -39,6 +39,27 @@ class Kernel:
 
 KERNELS: list[Kernel] = [
     Kernel(
+        "projection.project_kernel",
+        "*fp32 *fp32 *fp32 *fp32 *fp32 *fp32 *fp32 i32 i32 i32 i32 i32 i32 *fp32 *fp32 *i32",
+        registers=96,
+        num_warps=4,
+        constants={"DEGREE": 3, "REST": 15, "BLOCK": 128},
+    ),
+    Kernel(
+        "colors_backward.colors_backward_kernel",
+        "*fp32 *fp32 *fp32 i32 *fp32 *fp32 *fp32 *fp32 *fp32 *fp32",
+        registers=104,
+        num_warps=4,
+        constants={"DEGREE": 3, "REST": 15, "ADD": False, "BLOCK": 128},
+    ),
+    Kernel(
+        "projection_backward.project_backward_kernel",
+        "*fp32 *fp32 *fp32 *fp32 i32 i32 i32 i32 " + "*fp32 " * 7,
+        registers=104,
+        num_warps=4,
+        constants={"BLOCK": 128},
+    ),
+    Kernel(
         "photometric.ssim_rows",
         "*fp32 *u8 *fp32 i32 i32 *fp32 *fp32",
         168,
@@ -95,6 +116,7 @@ KERNELS: list[Kernel] = [
 def compiled() -> dict[str, dict[str, int]]:
     """What a process without the interpreter prints: "kernel, architecture" → registers and stack."""
     environment = {key: value for key, value in os.environ.items() if key != "TRITON_INTERPRET"}
+    environment["TRITON_DEFAULT_FP_FUSION"] = "1"  # as it was before there was this choice
     child = [sys.executable, __file__]
     printed = subprocess.run(child, env=environment, check=True, stdout=subprocess.PIPE, text=True).stdout
     return json.loads(printed)
