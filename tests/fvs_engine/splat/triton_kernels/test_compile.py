@@ -109,6 +109,37 @@ KERNELS: list[Kernel] = [
         {"WIDTH": 45, "SPARSE": True, "BLOCK": 1024},
     ),
     Kernel("adam.gradient_norms", "*fp32 *fp32 *fp32 *fp32 *i32 i32 i32 fp32 fp32", 96, 4, {"BLOCK": 1024}),
+    Kernel("median.clamped_planes", "*fp32 *fp64 i32 i32", 64, 4, {"BLOCK": 1024}),
+    Kernel(
+        "median.count_digits",
+        "*fp64 *i32 *i32 *i32 i32 i32 i32 i32 i32",
+        96,
+        4,
+        {"FIRST": True, "EDGE_COLUMNS": 1, "BINS": 256, "BLOCK": 1024},
+    ),
+    Kernel(
+        "median.count_digits",
+        "*fp64 *i32 *i32 *i32 i32 i32 i32 i32 i32",
+        96,
+        4,
+        {"FIRST": True, "EDGE_COLUMNS": 2, "BINS": 256, "BLOCK": 1024},
+    ),
+    Kernel(
+        "median.count_digits",
+        "*fp64 *i32 *i32 *i32 i32 i32 i32 i32 i32",
+        96,
+        4,
+        {"FIRST": False, "EDGE_COLUMNS": 1, "BINS": 512, "BLOCK": 1024},
+    ),
+    Kernel(
+        "median.count_digits",
+        "*fp64 *i32 *i32 *i32 i32 i32 i32 i32 i32",
+        96,
+        4,
+        {"FIRST": False, "EDGE_COLUMNS": 2, "BINS": 512, "BLOCK": 1024},
+    ),
+    Kernel("median.find_digits", "*i32 *i32 *i32 i32 i32 i32 i32", 64, 4, {"FIRST": True, "BINS": 256}),
+    Kernel("median.find_digits", "*i32 *i32 *i32 i32 i32 i32 i32", 64, 4, {"FIRST": False, "BINS": 512}),
 ]
 
 
