@@ -140,6 +140,32 @@ KERNELS: list[Kernel] = [
     ),
     Kernel("median.find_digits", "*i32 *i32 *i32 i32 i32 i32 i32", 64, 4, {"FIRST": True, "BINS": 256}),
     Kernel("median.find_digits", "*i32 *i32 *i32 i32 i32 i32 i32", 64, 4, {"FIRST": False, "BINS": 512}),
+    Kernel("binning._count_hits", "*fp32 *fp32 *i64 *i32 i32 i32 i32 i32", 32, 4, {"BLOCK": 256}),
+    Kernel(
+        "binning._deal_hits",
+        "*fp32 *i64 *i64 *i16 *i32 i32 i32 i32 i32 i32 i32 *i32",
+        72,
+        2,
+        {"BLOCK": 256},
+    ),
+    Kernel("binning._list_hits", "*i64 *i32 *i32 *i32 i32 i32", 32, 4, {"BLOCK": 256}),
+    # 64 registers let 32 blocks of one warp, all that a multiprocessor takes, run at once.
+    Kernel("blending._blend", "*fp32 *i32 *i32 *fp32 *fp32 i32 i32 i32 i32 *fp32", 64, 1),
+    Kernel("blending._blend", "*fp32 *i32 *i32 *fp32 *fp32 i32 i32 i32 i32", 64, 1, {"depth_image": None}),
+    Kernel(
+        "blending_backward._blend_backward",
+        "*fp32 *i32 *i32 *i32 *fp32 *fp32 *fp32 i32 i32 i32 i32 *fp32 *fp32 *fp32 *fp32",
+        80,
+        1,
+    ),
+    Kernel(
+        "blending_backward._blend_backward",
+        "*fp32 *i32 *i32 *i32 *fp32 *fp32 *fp32 i32 i32 i32 i32",
+        72,
+        1,
+        dict.fromkeys(("alpha_image", "alpha_gradient", "depth_image", "depth_gradient")),
+    ),
+    Kernel("blending_backward._clear_missed", "*i32 *i32 *i64 *fp32 i32 i32 i32 i32", 32, 4, {"BLOCK": 64}),
 ]
 
 
