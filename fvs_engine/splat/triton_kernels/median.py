@@ -31,16 +31,17 @@ _STATE = 4
 """Per image: the bits so far of both, and their ranks among the coefficients that have them; < 0: NaN."""
 
 
-@triton.jit
+@triton.jit(do_not_specialize=["pixels", "channels"])
 def clamped_planes(images, planes, pixels, channels, BLOCK: tl.constexpr):
     """Images [B, pixels, C] in [0, 1] as float64 [B, C, pixels]; NaN stays."""
     pixel = tl.program_id(0) * BLOCK + tl.arange(0, BLOCK)
     inside = pixel < pixels
-    channel = tl.program_id(1)
-    image = tl.program_id(2).to(tl.int64) * channels * pixels
-    value = tl.load(images + image + pixel * channels + channel, mask=inside).to(tl.float64)
-    value = tl.where(value < 0, 0.0, tl.where(value > 1, 1.0, value))
-    tl.store(planes + image + channel.to(tl.int64) * pixels + pixel, value, mask=inside)
+    image = tl.program_id(1).to(tl.int64) * channels * pixels
+    for channel in range(channels):
+        value = tl.load(images + image + pixel * channels + channel, mask=inside, other=0.0).to(tl.float64)
+        value = tl.where(value < 0, 0.0, tl.where(value > 1, 1.0, value))
+        tl.store(planes + image + pixel, value, mask=inside)
+        planes += pixels
 
 
 @triton.jit(do_not_specialize=["coefficients", "edges", "length", "shift", "bits"])
@@ -121,7 +122,7 @@ def planes_of(images: Tensor) -> Tensor:
     """Images [B, H, W, C], clamped to [0, 1], as float64 [B, C, H, W]: what the FFT takes."""
     batch, height, width, channels = images.shape
     planes = images.new_empty((batch, channels, height, width), dtype=torch.float64)
-    grid = (triton.cdiv(height * width, _BLOCK), channels, batch)
+    grid = (triton.cdiv(height * width, _BLOCK), batch)
     clamped_planes[grid](images.contiguous(), planes, height * width, channels, BLOCK=_BLOCK)
     return planes
 

@@ -75,10 +75,10 @@ def _pair(source, lane, distance, present):
 
 @triton.jit(do_not_specialize=["height", "row_lanes"])
 def ssim_rows(
-    color, target, mask, height, row_lanes, derivatives, ssim_sums,
+    color, target, mask, height, row_lanes, derivatives, sums,
     MASKED: tl.constexpr, LANES: tl.constexpr, ROWS: tl.constexpr,
 ):  # fmt: skip
-    """Write the derivatives of SSIM [3, H, 3 W], and Σ SSIM of each program."""
+    """Write the derivatives of SSIM [3, H, 3 W], and Σ SSIM of each program to ``sums`` [programs, 2]."""
     lane = tl.program_id(0) * LANES + tl.arange(0, LANES)
     top = tl.program_id(1) * ROWS
     rows = tl.minimum(ROWS, height - top)
@@ -121,15 +121,15 @@ def ssim_rows(
         tl.store(out + plane, -ssim * b1 * inverse, mask=stored)
         tl.store(out + 2 * plane, 2 * a1 * inverse, mask=stored)
         total += tl.where(stored, ssim, 0.0)
-    tl.store(ssim_sums + tl.program_id(1) * tl.num_programs(0) + tl.program_id(0), tl.sum(total))
+    tl.store(sums + 2 * (tl.program_id(1) * tl.num_programs(0) + tl.program_id(0)), tl.sum(total))
 
 
 @triton.jit(do_not_specialize=["height", "row_lanes"])
 def gradient_rows(
-    color, target, mask, height, row_lanes, derivatives, l1_weight, ssim_weight, gradient, l1_sums,
+    color, target, mask, height, row_lanes, derivatives, l1_weight, ssim_weight, gradient, sums,
     MASKED: tl.constexpr, LANES: tl.constexpr, ROWS: tl.constexpr,
 ):  # fmt: skip
-    """Blur the derivatives and chain them to the rendering; Σ |x − y| of each program.
+    """Blur the derivatives and chain them to the rendering; Σ |x − y| of each program to ``sums``.
 
     The gradient [H, 3 W] is l1_weight · sign(x − y) − ssim_weight · ∂ΣSSIM/∂x.
     """
@@ -168,19 +168,19 @@ def gradient_rows(
             slope *= tl.load(mask_row + lane // 3, mask=stored, other=0.0)
         tl.store(gradient + done * pitch + lane, slope, mask=stored)
         total += tl.abs(difference)
-    tl.store(l1_sums + tl.program_id(1) * tl.num_programs(0) + tl.program_id(0), tl.sum(total))
+    tl.store(sums + 2 * (tl.program_id(1) * tl.num_programs(0) + tl.program_id(0)) + 1, tl.sum(total))
 
 
 @triton.jit(do_not_specialize=["count"])
 def loss_of_sums(
     sums, count, l1_weight, ssim_weight, ssim_offset, loss, guard, GUARDED: tl.constexpr, SUMS: tl.constexpr
 ):
-    """The loss of the programs' sums [2, count] (of SSIM, of L1), in a fixed order; one program."""
+    """The loss of the programs' sums [count, 2] of SSIM and of L1, in a fixed order; one program."""
     l1, ssim = tl.zeros([SUMS], tl.float32), tl.zeros([SUMS], tl.float32)
     for start in range(0, count, SUMS):
         index = start + tl.arange(0, SUMS)
-        ssim += tl.load(sums + index, mask=index < count, other=0.0)
-        l1 += tl.load(sums + count + index, mask=index < count, other=0.0)
+        ssim += tl.load(sums + 2 * index, mask=index < count, other=0.0)
+        l1 += tl.load(sums + 2 * index + 1, mask=index < count, other=0.0)
     value = l1_weight * tl.sum(l1) + (ssim_offset - ssim_weight * tl.sum(ssim))
     tl.store(loss, value)
     if GUARDED:
@@ -205,20 +205,20 @@ def photometric(
     color, target = color.detach().contiguous(), target.contiguous()
     size, row_lanes = color.numel(), 3 * width
     grid = (triton.cdiv(row_lanes, _LANES), triton.cdiv(height, _ROWS))
-    sums = color.new_empty((2, grid[0] * grid[1]))
+    sums = color.new_empty((grid[0] * grid[1], 2))
     derivatives = color.new_empty((3, height, row_lanes))
     gradient = torch.empty_like(color)
     loss = color.new_empty(())
     masks = color if mask is None else mask.contiguous()
     meta = {"MASKED": mask is not None, "LANES": _LANES, "ROWS": _ROWS, "num_warps": _WARPS}
     l1_share, ssim_share = (1 - ssim_weight) / size, ssim_weight / size
-    ssim_rows[grid](color, target, masks, height, row_lanes, derivatives, sums[0], **meta)
+    ssim_rows[grid](color, target, masks, height, row_lanes, derivatives, sums, **meta)
     gradient_rows[grid](
-        color, target, masks, height, row_lanes, derivatives, l1_share, ssim_share, gradient, sums[1], **meta
+        color, target, masks, height, row_lanes, derivatives, l1_share, ssim_share, gradient, sums, **meta
     )
     loss_of_sums[(1,)](
         sums,
-        sums.shape[1],
+        len(sums),
         l1_share,
         ssim_share,
         float(ssim_weight),
