@@ -51,11 +51,33 @@ def unclamped(gradient, record, column, mask):
 
 
 @triton.jit
-def store_rows(at, rows, mask, ADD: tl.constexpr):
-    """Write rows, or add to what is there."""
+def basis_row(x, y, z, DEGREE: tl.constexpr):
+    """The basis behind the constant in the unit directions (x, y, z), [B, 16]; the last column is zero."""
+    if DEGREE == 0:
+        row = tl.zeros((x.shape[0], 16), tl.float32)
+    else:
+        v = basis(x, y, z, DEGREE)
+        row = row_of_16(
+            v[0], v[1], v[2], v[3], v[4], v[5], v[6], v[7],
+            v[8], v[9], v[10], v[11], v[12], v[13], v[14], tl.zeros_like(x),
+        )  # fmt: skip
+    return row
+
+
+@triton.jit
+def store_rest(rest, n, row, red, green, blue, mask, REST: tl.constexpr, ADD: tl.constexpr):
+    """Write ``row`` [B, 16] times each channel [B] to ``rest`` [N, REST, 3], or add it to what is there."""
+    k = tl.arange(0, 16)
+    inside = mask[:, None] & (k < REST)[None, :]
+    at = rest + (3 * REST) * n[:, None] + (3 * k)[None, :]
+    of_red, of_green, of_blue = row * red[:, None], row * green[:, None], row * blue[:, None]
     if ADD:
-        rows += tl.load(at, mask=mask, other=0.0)
-    tl.store(at, rows, mask=mask)
+        of_red += tl.load(at, mask=inside, other=0.0)
+        of_green += tl.load(at + 1, mask=inside, other=0.0)
+        of_blue += tl.load(at + 2, mask=inside, other=0.0)
+    tl.store(at, of_red, mask=inside)
+    tl.store(at + 1, of_green, mask=inside)
+    tl.store(at + 2, of_blue, mask=inside)
 
 
 @triton.jit(do_not_specialize=["count"])
@@ -98,30 +120,7 @@ def colors_backward_kernel(
         mean_0 += (g_x - radial * x) * scale
         mean_1 += (g_y - radial * y) * scale
         mean_2 += (g_z - radial * z) * scale
-        v = basis(x, y, z, DEGREE)
-        rest = row_of_16(
-            v[0],
-            v[1],
-            v[2],
-            v[3],
-            v[4],
-            v[5],
-            v[6],
-            v[7],
-            v[8],
-            v[9],
-            v[10],
-            v[11],
-            v[12],
-            v[13],
-            v[14],
-            0.0 * x,
-        )
+        rest = basis_row(x, y, z, DEGREE)
     store_3(g_means, n, mean_0, mean_1, mean_2, written)
     if REST > 0:
-        k = tl.arange(0, 16)
-        inside = written[:, None] & (k < REST)[None, :]
-        at = g_rest + (3 * REST) * n[:, None] + (3 * k)[None, :]
-        store_rows(at, rest * red[:, None], inside, ADD)
-        store_rows(at + 1, rest * green[:, None], inside, ADD)
-        store_rows(at + 2, rest * blue[:, None], inside, ADD)
+        store_rest(g_rest, n, rest, red, green, blue, written, REST, ADD)
