@@ -60,6 +60,13 @@ KERNELS: list[Kernel] = [
         constants={"BLOCK": 128},
     ),
     Kernel(
+        "sums.sum_hits_kernel",
+        "*fp32 *i64 *i64 *fp32 i32 i32 i32",
+        registers=104,
+        num_warps=1,
+        constants={"COLUMNS": 10, "SPLATS": 16, "LANES": 2},
+    ),
+    Kernel(
         "photometric.ssim_rows",
         "*fp32 *u8 *fp32 i32 i32 *fp32 *fp32",
         168,
