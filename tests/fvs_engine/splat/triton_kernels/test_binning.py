@@ -5,7 +5,7 @@ from itertools import pairwise
 
 import pytest
 import torch
-from projected_splats import project_scenes, projected
+from projected_splats import DEVICE, project_scenes, projected
 from raster_scenes import SCENES, SMALL_CAMERA, build_few
 
 from fvs_engine.splat.conventions import (
@@ -57,21 +57,22 @@ def least_exponents(record, columns, rows):
 @pytest.mark.parametrize("name", SCENES)
 def test_tiles_list_front_to_back_what_touches_them(name):
     few = project_scenes(build_few(name))
-    cameras, count = few.radii.shape
+    records, radii = few.records.cpu(), few.radii.cpu()
+    cameras, count = radii.shape
     columns, rows = tile_counts(SIZE)
     hits = bin_hits(few, SIZE)
     found = lists(hits)
     assert len(found) == cameras * columns * rows
     for camera in range(cameras):
-        order = sorted(range(count), key=lambda n: (float(few.records[camera, n, DEPTH]), n))
-        visible = [n for n in order if few.radii[camera, n] > 0]
+        order = sorted(range(count), key=lambda n: (float(records[camera, n, DEPTH]), n))
+        visible = [n for n in order if radii[camera, n] > 0]
         assert hits.order[camera, : len(visible)].tolist() == visible
-        reached = {n: least_exponents(few.records[camera, n], columns, rows) for n in visible}
+        reached = {n: least_exponents(records[camera, n], columns, rows) for n in visible}
         for tile in range(columns * rows):
             listed = [splat - camera * count for splat in found[camera * columns * rows + tile]]
             assert listed == [n for n in visible if n in listed], "front to back, each once"
             for n in visible:
-                cut = math.log(float(few.records[camera, n, OPACITY]) / ALPHA_MIN)
+                cut = math.log(float(records[camera, n, OPACITY]) / ALPHA_MIN)
                 least = float(reached[n].flatten()[tile])
                 if n in listed:  # 0.02 px of slack, and the grid is not infinitely fine
                     assert math.sqrt(least) < math.sqrt(cut) + 0.1
@@ -144,7 +145,7 @@ def test_overflow_sets_the_guard_and_keeps_what_there_is_room_for(missing, monke
     splats = projected(records[None], torch.ones(1, len(records)))
     size = (100, 80)  # 70 tiles
     needed = len(records) * 70
-    guard = new_guard(torch.device("cpu"))
+    guard = new_guard(DEVICE)
     beyond = []
 
     def with_canaries(*shape, dtype, device):
@@ -166,7 +167,7 @@ def test_overflow_sets_the_guard_and_keeps_what_there_is_room_for(missing, monke
 
 def test_room_that_is_not_needed_stays_empty():
     few = project_scenes(build_few("random"))
-    guard = new_guard(torch.device("cpu"))
+    guard = new_guard(DEVICE)
     exact = bin_hits(few, SIZE)
     roomy = bin_hits(few, SIZE, exact.capacity + 2 * BLOCK + 3, guard)
     assert guard.tolist() == [0, 0]
@@ -179,7 +180,7 @@ def test_room_that_is_not_needed_stays_empty():
 
 def test_a_guard_that_is_set_keeps_its_reason_and_the_largest_need():
     splats = projected(round_splat(8.0, 4.0, 3.0)[None, None], torch.ones(1, 1))
-    guard = new_guard(torch.device("cpu"))
+    guard = new_guard(DEVICE)
     guard[REASON], guard[HITS_NEEDED] = HALTED_NOT_FINITE, 5
     bin_hits(splats, (100, 80), 0, guard)
     assert guard.tolist() == [HALTED_NOT_FINITE, 5]

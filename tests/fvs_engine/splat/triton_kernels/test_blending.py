@@ -2,9 +2,10 @@
 
 import pytest
 import torch
-from projected_splats import project_scenes, projected, rasterize_scene
+from projected_splats import flat_splats, project_scenes, rasterize_scene
 from raster_scenes import SCENES, SMALL_CAMERA, build_few
 
+from fvs_engine.splat.conventions import FACTOR_A, FACTOR_B
 from fvs_engine.splat.raster.reference import ReferenceRasterizer
 from fvs_engine.splat.triton_kernels.binning import bin_hits
 from fvs_engine.splat.triton_kernels.blending import blend
@@ -12,9 +13,13 @@ from fvs_engine.splat.triton_kernels.blending import blend
 SIZE = (SMALL_CAMERA.width, SMALL_CAMERA.height)
 
 
+def blend_on_cpu(splats, size, *, depth):
+    images = blend(splats, bin_hits(splats, size), size, depth=depth)
+    return [None if image is None else image.cpu() for image in images]
+
+
 def blend_few(name, *, depth=True):
-    few = project_scenes(build_few(name))  # two cameras at once
-    return blend(few, bin_hits(few, SIZE), SIZE, depth=depth)
+    return blend_on_cpu(project_scenes(build_few(name)), SIZE, depth=depth)  # two cameras at once
 
 
 @pytest.mark.parametrize("name", SCENES)
@@ -42,19 +47,20 @@ def test_without_depth_the_other_images_are_the_same():
     assert torch.equal(alpha, same_alpha)
 
 
+@pytest.mark.parametrize("size", [(1, 1), (9, 9), (600, 1), (1, 300)])
+def test_sizes_of_images(size):
+    splat = flat_splats([0.5])
+    splat.records[..., [FACTOR_A, FACTOR_B]] = 1e-9
+    color, alpha, depth = blend_on_cpu(splat, size, depth=True)
+    width, height = size
+    assert torch.allclose(color, torch.tensor([0.5, 0.0, 0.0]).expand(1, height, width, 3))
+    assert torch.allclose(alpha, torch.full((1, height, width), 0.5))
+    assert torch.allclose(depth, alpha)
+
+
 def test_a_finished_pixel_takes_no_fainter_splat():
     """The second splat would take too much light; the third, which would not, must not come after all."""
-    scene = build_few("random")[0]
-    few = project_scenes([scene])
-    records = few.records[:, :1].repeat(1, 3, 1)
-    records[0, :, 0:2] = torch.tensor([4.5, 4.5])
-    records[0, :, 2:5] = torch.tensor([1e-3, 0.0, 1e-3])
-    records[0, :, 5] = torch.tensor([0.9985, 0.99, 0.5])
-    records[0, :, 6:9] = torch.eye(3)
-    records[0, :, 9] = torch.tensor([1.0, 2.0, 3.0])
-    records[0, :, 10:14] = 50.0
-    records[0, :, 14:] = 0.0
-    flat = projected(records, torch.full((1, 3), 50.0))
-    color, alpha, _ = blend(flat, bin_hits(flat, (9, 9)), (9, 9), depth=False)
+    splats = flat_splats([0.9985, 0.99, 0.5])
+    color, alpha, _ = blend_on_cpu(splats, (9, 9), depth=False)
     assert torch.allclose(alpha, torch.tensor(0.9985), atol=1e-4)
     assert torch.equal(color[..., 1:], torch.zeros(1, 9, 9, 2))

@@ -3,10 +3,19 @@
 import numpy as np
 import pytest
 import torch
-from projected_splats import packed_view, project_scenes, projected, rasterize_scene
+from projected_splats import flat_splats, packed_view, project_scenes, rasterize_scene
 from raster_scenes import SCENES, SMALL_CAMERA, build_few
 
-from fvs_engine.splat.conventions import GRADIENT_SIZE
+from fvs_engine.splat.conventions import (
+    CENTER_X,
+    CENTER_Y,
+    EXTENT_X,
+    EXTENT_Y,
+    GRADIENT_SIZE,
+    SLOPE_X,
+    SLOPE_Y,
+    WIDTH,
+)
 from fvs_engine.splat.raster.cpu import as_floats
 from fvs_engine.splat.raster.kernels import blending as cpu_blending
 from fvs_engine.splat.raster.kernels import projection as cpu_projection
@@ -19,11 +28,19 @@ SIZE = (SMALL_CAMERA.width, SMALL_CAMERA.height)
 
 
 @pytest.fixture(autouse=True)
-def unset_memory():
-    """New memory is NaN (that is part of what torch does then): what is not written is found."""
-    torch.use_deterministic_algorithms(True)
-    yield
-    torch.use_deterministic_algorithms(False)
+def rooms(monkeypatch):
+    """The memory of rows and some behind them, all NaN where nothing was written."""
+    rooms = []
+    new_empty = torch.Tensor.new_empty
+
+    def with_room_behind(like, shape, **options):
+        if options:  # the interpreter's
+            return new_empty(like, shape, **options)
+        rooms.append(like.new_full((shape[0] + 64, *shape[1:]), torch.nan))
+        return rooms[-1][: shape[0]]
+
+    monkeypatch.setattr(torch.Tensor, "new_empty", with_room_behind)
+    return rooms
 
 
 def weights_of(scenes):
@@ -36,6 +53,7 @@ def weights_of(scenes):
 
 def sum_rows(rows, hits):
     """The sum of every splat's rows: [C, N, 10]."""
+    rows = rows.cpu()
     cameras, count = hits.order.shape
     gradients = torch.zeros(cameras, count, GRADIENT_SIZE)
     for camera in range(cameras):
@@ -50,6 +68,7 @@ def gradients_of(scenes, weights, *, all_images=True):
     few = project_scenes(scenes)
     hits = bin_hits(few, SIZE)
     images = blend(few, hits, SIZE, depth=all_images)
+    weights = [None if weight is None else weight.to(few.radii.device) for weight in weights]
     rows = blend_backward(few, hits, images, weights if all_images else (weights[0], None, None))
     assert rows.shape == (hits.capacity, GRADIENT_SIZE)
     return sum_rows(rows, hits)
@@ -113,27 +132,19 @@ def test_gradients_of_color_alone_agree():
 
 def test_hits_behind_finished_pixels_and_missed_ones_have_zero_rows():
     """A tile of 9 px has 40 opaque splats: 16 are blended, the others hidden."""
-    scene = build_few("random")[0]
-    few = project_scenes([scene])
-    records = few.records[:, :1].repeat(1, 41, 1)
-    records[0, :, 0:2] = torch.tensor([1.5, 1.5])
-    records[0, :, 2:5] = torch.tensor([1e-3, 0.0, 1e-3])
-    records[0, :, 5] = 0.9
-    records[0, :, 9] = 1.0 + torch.arange(41)
-    records[0, :, 10:14] = 50.0
-    records[0, :, 14:] = 0.0
+    splats = flat_splats([0.9] * 41)
     # The last one's box reaches the second tile; its ellipse, a thin line, does not.
-    records[0, 40, 0:2] = torch.tensor([9.0, 1.5])
-    records[0, 40, 10:16] = torch.tensor([8.0, 50.0, 0.1, 1.0, 0.16, 6.25])
-    splats = projected(records, torch.full((1, 41), 50.0))
+    last = splats.records[0, 40]
+    last[[CENTER_X, CENTER_Y]] = torch.tensor([9.0, 1.5])
+    last[[EXTENT_X, EXTENT_Y]] = torch.tensor([8.0, 50.0])
+    last[[WIDTH, SLOPE_X, SLOPE_Y]] = torch.tensor([0.1, 0.16, 6.25])
     size = (18, 3)
     hits = bin_hits(splats, size, capacity=90)
     needed = int(hits.starts[-1])
     assert needed == 82
     assert hits.tile_starts.tolist() == [0, 41, 81]
     images = blend(splats, hits, size, depth=False)
-    ones = torch.ones(1, 3, 18, 3)
-    rows = blend_backward(splats, hits, images, (ones, None, None))
+    rows = blend_backward(splats, hits, images, (torch.ones_like(images[0]), None, None))
     blended = hits.numbers[:4].long()
     assert (rows[blended].abs().sum(1) > 0).all()
     written = rows[:needed]
@@ -143,11 +154,13 @@ def test_hits_behind_finished_pixels_and_missed_ones_have_zero_rows():
     assert rows[needed:].isnan().all(), "behind the last hit nothing is written"
 
 
-def test_too_little_room_is_not_left():
-    """Rows beyond the capacity are not written: here they are another tensor's."""
+def test_rows_beyond_the_capacity_are_not_written(rooms):
     few = project_scenes(build_few("huge")[:1])
     hits = bin_hits(few, SIZE, capacity=11)
+    assert int(hits.starts[-1]) > 11
     images = blend(few, hits, SIZE, depth=False)
     rows = blend_backward(few, hits, images, (torch.ones_like(images[0]), None, None))
     assert rows.shape == (11, GRADIENT_SIZE)
     assert rows.isfinite().all()
+    (room,) = rooms
+    assert room[11:].isnan().all()
