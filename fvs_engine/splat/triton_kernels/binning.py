@@ -5,7 +5,7 @@ that order, so that those of one splat are neighbours; a stable sort by tile the
 front to back. Hits of the box that the ellipse misses are listed behind all tiles.
 
 Read and written per Gaussian and camera: some 300 bytes, a third of them by the sort by depth; per hit of a
-box: 80 bytes with 16-bit tiles, 140 with more than 32,767 of them, of which the sort takes 50 and 110.
+box: 80 bytes, or 140 with more than 65,535 tiles, whose numbers need 32 bits; the sort takes 50 or 110.
 """
 
 from dataclasses import dataclass
@@ -83,16 +83,16 @@ def bin_hits(
     if capacity is None:
         capacity = int(starts[-1])
 
-    # Fewer bits take fewer passes of the sort.
-    kind = torch.int16 if tiles <= torch.iinfo(torch.int16).max else torch.int32
+    # Fewer bits take fewer passes of the sort, which knows only signed ones.
+    kind, tile_zero = (torch.int16, -(1 << 15)) if tiles < 1 << 16 else (torch.int32, 0)
     tile_of_hit = torch.empty(capacity, dtype=kind, device=radii.device)
     splat_of_hit = torch.empty(capacity, dtype=torch.int32, device=radii.device)
     _deal_hits[(max(1, triton.cdiv(capacity, BLOCK)),)](
         records, order, starts, tile_of_hit, splat_of_hit,
-        capacity, splats, count, tiles_x, tiles_y, tiles, guard, BLOCK=BLOCK, num_warps=2,
+        capacity, splats, count, tiles_x, tiles_y, tile_zero, tiles, guard, BLOCK=BLOCK, num_warps=2,
     )  # fmt: skip
     tile_of_slot, hit_of_slot = torch.sort(tile_of_hit, stable=True)
-    all_tiles = torch.arange(tiles + 1, dtype=kind, device=radii.device)
+    all_tiles = torch.arange(tile_zero, tile_zero + tiles + 1, dtype=kind, device=radii.device)
     tile_starts = torch.searchsorted(tile_of_slot, all_tiles, out_int32=True)
     listed = torch.empty(capacity + PREFETCHED, dtype=torch.int32, device=radii.device)
     numbers = torch.empty(capacity, dtype=torch.int32, device=radii.device)
@@ -171,7 +171,7 @@ def _set_guard(guard, needed, overflows):
         tl.store(guard + NEEDED, tl.minimum(most, 2147483647).to(tl.int32))
 
 
-@triton.jit(do_not_specialize=["capacity", "splats", "count", "tiles_x", "tiles_y", "tiles"])
+@triton.jit(do_not_specialize=["capacity", "splats", "count", "tiles_x", "tiles_y", "tile_zero", "tiles"])
 def _deal_hits(
     records,
     order,
@@ -183,11 +183,15 @@ def _deal_hits(
     count,
     tiles_x,
     tiles_y,
+    tile_zero,
     tiles,
     guard,
     BLOCK: tl.constexpr,
 ):
-    """Write tile and splat of every hit; the tile is ``tiles`` where there is none or the ellipse misses."""
+    """Write tile and splat of every hit; the tile is ``tiles`` where there is none or the ellipse misses.
+
+    Tiles count from ``tile_zero`` on.
+    """
     program = tl.program_id(0)
     needed = tl.load(starts + splats)
     if guard is not None:
@@ -225,11 +229,11 @@ def _deal_hits(
         first_hit, end_hit = tile_range(x + left, x + right, end_column, TILE_W)
         is_hit = (numbers < end) & (column >= first_hit) & (column < end_hit)
         tile = tl.where(is_hit, (camera * tiles_y + row) * tiles_x + column, tiles)
-        tl.store(tile_of_hit + numbers, tile, mask=numbers < capacity)
+        tl.store(tile_of_hit + numbers, tile_zero + tile, mask=numbers < capacity)
         tl.store(splat_of_hit + numbers, splat, mask=numbers < capacity)
     else:
         nothing = tl.zeros((BLOCK,), tl.int32)
-        tl.store(tile_of_hit + numbers, nothing + tiles, mask=numbers < capacity)
+        tl.store(tile_of_hit + numbers, nothing + tile_zero + tiles, mask=numbers < capacity)
         tl.store(splat_of_hit + numbers, nothing, mask=numbers < capacity)
 
 

@@ -123,7 +123,7 @@ def test_a_splat_on_borders_of_tiles(x, y, tiles):
     assert {tile for tile, listed in enumerate(found) if listed} == tiles
 
 
-@pytest.mark.parametrize("size", [(1, 1), (8000, 7999)])
+@pytest.mark.parametrize("size", [(1, 1), (3840, 2160), (8000, 7999)])
 def test_sizes_of_images(size):
     """One that covers all, one in the last pixel; half a million tiles have numbers beyond 16 bits."""
     width, height = size

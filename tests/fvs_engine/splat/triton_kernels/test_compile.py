@@ -150,7 +150,7 @@ KERNELS: list[Kernel] = [
     Kernel("binning._count_hits", "*fp32 *fp32 *i64 *i32 i32 i32 i32 i32", 32, 4, {"BLOCK": 256}),
     Kernel(
         "binning._deal_hits",
-        "*fp32 *i64 *i64 *i16 *i32 i32 i32 i32 i32 i32 i32 *i32",
+        "*fp32 *i64 *i64 *i16 *i32 i32 i32 i32 i32 i32 i32 i32 *i32",
         72,
         2,
         {"BLOCK": 256},
