@@ -60,6 +60,19 @@ KERNELS: list[Kernel] = [
         constants={"BLOCK": 128},
     ),
     Kernel(
+        "squares.blend_squares_kernel",
+        "*fp32 *i32 *i32 *i32 *fp32 *fp32 i32 i32 i32 i32",
+        registers=80,
+        num_warps=1,
+    ),
+    Kernel(
+        "squares.square_kernel",
+        "*fp32 *fp32 *fp32 *fp32 i32 i32 i32 *fp32 *fp32 *fp32 " + "*fp32 " * 5,
+        registers=120,
+        num_warps=4,
+        constants={"DEGREE": 3, "REST": 15, "BLOCK": 128},
+    ),
+    Kernel(
         "sums.sum_hits_kernel",
         "*fp32 *i64 *i64 *fp32 i32 i32 i32",
         registers=104,
