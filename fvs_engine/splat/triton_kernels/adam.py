@@ -2,7 +2,7 @@
 
 Per number that moves, 16 bytes are read (parameter, gradient, moments) and 12 written: 392 per Gaussian for
 its 14 numbers that always move, and 1,260 for 15 harmonics where it was seen. The statistics read 20 bytes
-per Gaussian (12 more where gradients are columns of rows of ten) and write 8.
+per Gaussian (24 more where gradients are columns of rows of ten) and write 8.
 """
 
 import triton
