@@ -3,7 +3,7 @@
 A camera is a float32 vector [19]: rotation (9, row-major) and translation (3) of camera_from_model, the
 camera's centre in the model frame (3), and fx, fy, cx, cy.
 
-Bytes per Gaussian and camera: reads 44, for a visible one of degree 3 236; writes 72, for a culled one 8.
+Bytes per Gaussian and camera: reads 44, for a visible one of degree 3 236; writes 68, for a culled one 4.
 """
 
 import math
@@ -18,7 +18,6 @@ from fvs_engine.splat.conventions import ALPHA_MIN, BLUR_PX2, NEAR_PLANE, RECORD
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.triton_kernels.harmonics import C0, basis, coefficient
 from fvs_engine.splat.triton_kernels.rows import row_of_16
-from fvs_engine.splat.triton_kernels.tiles import TILE_HEIGHT, TILE_WIDTH, tile_counts, tile_range
 
 CAMERA_SIZE = 19
 BLOCK = 128
@@ -26,7 +25,6 @@ BLOCK = 128
 NEAR, BLUR, LEAST_ALPHA = tl.constexpr(NEAR_PLANE), tl.constexpr(BLUR_PX2), tl.constexpr(ALPHA_MIN)
 MARGIN = tl.constexpr(0.15)
 SQRT_HALF = tl.constexpr(math.sqrt(0.5))
-_TILE_WIDTH, _TILE_HEIGHT = tl.constexpr(TILE_WIDTH), tl.constexpr(TILE_HEIGHT)
 _CAMERA_SIZE, _RECORD_SIZE = tl.constexpr(CAMERA_SIZE), tl.constexpr(RECORD_SIZE)
 
 
@@ -35,13 +33,11 @@ class Projected:
     """N Gaussians seen by C cameras of one size.
 
     ``records`` float32 [C, N, 16], laid out as ``splat.conventions`` says, unset where culled; ``radii``
-    float32 [C, N] px, half the larger side of the screen box, 0 where culled; ``counts`` int32 [C, N], the
-    tiles of that box.
+    float32 [C, N] px, half the larger side of the screen box, 0 where culled.
     """
 
     records: Tensor
     radii: Tensor
-    counts: Tensor
 
 
 def project(gaussians: Gaussians, cameras: Tensor, size: tuple[int, int], degree: int) -> Projected:
@@ -50,13 +46,12 @@ def project(gaussians: Gaussians, cameras: Tensor, size: tuple[int, int], degree
     projected = Projected(
         torch.empty((camera_count, count, RECORD_SIZE), dtype=torch.float32, device=device),
         torch.empty((camera_count, count), dtype=torch.float32, device=device),
-        torch.empty((camera_count, count), dtype=torch.int32, device=device),
     )
     programs = camera_count * triton.cdiv(count, BLOCK)
     if programs:
         project_kernel[(programs,)](
-            *gaussians.tensors().values(), cameras, camera_count, count, *size, *tile_counts(size),
-            projected.records, projected.radii, projected.counts,
+            *gaussians.tensors().values(), cameras, camera_count, count, *size,
+            projected.records, projected.radii,
             DEGREE=degree, REST=gaussians.sh_rest.shape[1], BLOCK=BLOCK,
         )  # fmt: skip
     return projected
@@ -154,11 +149,10 @@ def screen_axes(axes, camera, z, u, v):
     return (t0, t1, t2), (t3, t4, t5), (m0, m1, m2), (m3, m4, m5)
 
 
-@triton.jit(do_not_specialize=["camera_count", "count", "width", "height", "tiles_x", "tiles_y"])
+@triton.jit(do_not_specialize=["camera_count", "count", "width", "height"])
 def project_kernel(
     means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest,
-    cameras, camera_count, count, width, height, tiles_x, tiles_y,
-    records, radii, counts,
+    cameras, camera_count, count, width, height, records, radii,
     DEGREE: tl.constexpr, REST: tl.constexpr, BLOCK: tl.constexpr,
 ):  # fmt: skip
     """One program projects ``BLOCK`` Gaussians for one camera; those for all cameras are neighbours."""
@@ -199,12 +193,8 @@ def project_kernel(
     visible &= (center_y + extent_y > 0.0) & (center_y - extent_y < height)
     visible &= determinant < 1e30
 
-    first_column, end_column = tile_range(center_x - extent_x, center_x + extent_x, tiles_x, _TILE_WIDTH)
-    first_row, end_row = tile_range(center_y - extent_y, center_y + extent_y, tiles_y, _TILE_HEIGHT)
     at = index * count.to(tl.int64) + n
     tl.store(radii + at, tl.where(visible, tl.maximum(extent_x, extent_y), 0.0), mask=here)
-    tiles = (end_column - first_column) * (end_row - first_row)
-    tl.store(counts + at, tl.where(visible, tiles, 0), mask=here)
 
     red, green, blue = load_3(sh_dc, n, visible)
     red, green, blue = 0.5 + red * C0, 0.5 + green * C0, 0.5 + blue * C0

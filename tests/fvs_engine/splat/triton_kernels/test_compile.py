@@ -40,7 +40,7 @@ class Kernel:
 KERNELS: list[Kernel] = [
     Kernel(
         "projection.project_kernel",
-        "*fp32 *fp32 *fp32 *fp32 *fp32 *fp32 *fp32 i32 i32 i32 i32 i32 i32 *fp32 *fp32 *i32",
+        "*fp32 *fp32 *fp32 *fp32 *fp32 *fp32 *fp32 i32 i32 i32 i32 *fp32 *fp32",
         registers=96,
         num_warps=4,
         constants={"DEGREE": 3, "REST": 15, "BLOCK": 128},

@@ -15,7 +15,6 @@ from fvs_engine.splat.raster import reference_projection
 from fvs_engine.splat.raster.reference_projection import ScreenSplats
 from fvs_engine.splat.triton_kernels.projection import project
 from fvs_engine.splat.triton_kernels.projection_backward import project_backward
-from fvs_engine.splat.triton_kernels.tiles import TILE_HEIGHT, TILE_WIDTH
 
 AsCameras = Callable[..., Tensor]
 SIZE = (CAMERA.width, CAMERA.height)
@@ -58,15 +57,6 @@ def test_records_are_those_of_the_reference(name, device, as_cameras: AsCameras)
     correlations = slopes.prod(1, keepdim=True)
     assert torch.allclose(half, extents * (1 - correlations).clamp_min(0).sqrt(), rtol=1e-2, atol=1e-2)
     assert torch.allclose(slopes[:, 0] * extents[:, 1] ** 2, slopes[:, 1] * extents[:, 0] ** 2, rtol=1e-4)
-
-    low, high = expected.centers - expected.extents_px, expected.centers + expected.extents_px
-    tiles = torch.ones(len(gaussians), dtype=torch.int64)
-    for axis, side in ((0, TILE_WIDTH), (1, TILE_HEIGHT)):
-        starts = torch.arange(0, SIZE[axis], side)
-        tiles *= ((high[:, axis, None] >= starts) & (low[:, axis, None] < starts + side)).sum(1)
-    surplus = found.counts[0].cpu() - torch.where(visible, tiles, 0)
-    assert (surplus >= 0).all()
-    assert (surplus > 0).sum() <= 0.05 * len(gaussians)  # boxes that end just before the next tile
 
 
 @of_every_scene
@@ -136,7 +126,6 @@ def test_what_is_not_finite_is_culled_and_has_no_gradient(device, as_cameras: As
     cameras = as_cameras(CAMERA, POSE)
     found, clean = project(broken, cameras, SIZE, 3), project(gaussians, cameras, SIZE, 3)
     assert not found.radii[0, 1:7].any()
-    assert not found.counts[0, 1:7].any()
     assert torch.equal(found.radii[0, 7:], clean.radii[0, 7:])
     gradients = project_backward(broken, cameras, SIZE, 3, found, torch.ones_like(found.records[..., :10]))
     for key, gradient in gradients.items():
@@ -153,7 +142,8 @@ def test_images_of_one_and_of_8000_pixels(size, device, as_cameras: AsCameras):
     gaussians.means[0] = torch.tensor([0.0, 0.0, 5.0])
     gaussians.opacity_logits[0] = 4.0
     found = project(gaussians, as_cameras(camera, POSE), size, 3)
-    assert found.counts[0, 0] == -(-width // TILE_WIDTH) * -(-height // TILE_HEIGHT)
+    assert found.radii[0, 0] > width
+    assert found.records[0, 0].isfinite().all()
 
 
 def test_no_gaussians(device, as_cameras: AsCameras):
