@@ -149,6 +149,12 @@ def screen_axes(axes, camera, z, u, v):
     return (t0, t1, t2), (t3, t4, t5), (m0, m1, m2), (m3, m4, m5)
 
 
+@triton.jit
+def above_zero(channel):
+    """A channel, clamped at 0. A NaN stays one: the loss must show it."""
+    return tl.maximum(channel, 0.0, propagate_nan=tl.PropagateNan.ALL)
+
+
 @triton.jit(do_not_specialize=["camera_count", "count", "width", "height"])
 def project_kernel(
     means, log_scales, quaternions, opacity_logits, sh_dc, sh_rest,
@@ -207,7 +213,7 @@ def project_kernel(
             blue += values[k] * coefficient(sh_rest, n, k, 2, visible, REST)
     record = row_of_16(
         center_x, center_y, tl.sqrt(yy / determinant) * SQRT_HALF, xy / yy, tl.sqrt(1.0 / yy) * SQRT_HALF,
-        opacity, tl.maximum(red, 0.0), tl.maximum(green, 0.0), tl.maximum(blue, 0.0), depth,
+        opacity, above_zero(red), above_zero(green), above_zero(blue), depth,
         extent_x, extent_y, reach * tl.sqrt(determinant / yy), reach * tl.sqrt(determinant / xx),
         xy / yy, xy / xx,
     )  # fmt: skip

@@ -9,7 +9,7 @@ from raster_scenes import CAMERA, SCENES, build_scene, random_splats
 from torch import Tensor
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
-from fvs_engine.splat.conventions import EXTENT_X, GRADIENT_SIZE, HEIGHT, SLOPE_X, SLOPE_Y, WIDTH
+from fvs_engine.splat.conventions import EXTENT_X, GRADIENT_SIZE, HEIGHT, RED, SLOPE_X, SLOPE_Y, WIDTH
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import reference_projection
 from fvs_engine.splat.raster.reference_projection import ScreenSplats
@@ -131,6 +131,14 @@ def test_what_is_not_finite_is_culled_and_has_no_gradient(device, as_cameras: As
     for key, gradient in gradients.items():
         assert not gradient[1:7].any(), key
         assert gradient.isfinite().all(), key
+
+
+def test_a_colour_that_is_not_finite_stays_so(device, as_cameras: AsCameras):
+    gaussians = some().to(device)
+    gaussians.sh_dc[0, 1] = torch.nan
+    gaussians.sh_rest[1, 4, 2] = torch.nan
+    records = project(gaussians, as_cameras(CAMERA, POSE), SIZE, 3).records[0]
+    assert torch.equal(records[:2, RED : RED + 3].isnan().cpu().nonzero(), torch.tensor([[0, 1], [1, 2]]))
 
 
 @pytest.mark.parametrize("size", [(1, 1), (8000, 8000)])
