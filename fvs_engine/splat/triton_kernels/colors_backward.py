@@ -1,6 +1,6 @@
 """Carry gradients of the colours of records back to the spherical harmonics and to the positions.
 
-Bytes per Gaussian and camera that sees it: reads 16 of its gradient and record each, and with degree 3
+Bytes per Gaussian and camera that sees it: reads 12 each of its gradient and record, and with degree 3
 192 of its parameters; 4 where it is culled. Writes 204 per Gaussian, once for all cameras.
 """
 
