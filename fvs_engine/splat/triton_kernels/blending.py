@@ -6,7 +6,7 @@ is computed once for them. What the loop costs is instructions, 87 per hit and w
 * the record of a splat is read while the one before it is blended, into the registers that one has done with;
 * the square root of log₂ e is part of the factors of the ellipse, so the exponential is one instruction;
 * a finished pixel keeps its transmittance with a negative sign: no mask, no second register;
-* 48 to 56 registers let as many warps run on a multiprocessor as it has room for blocks, 32.
+* 49 to 64 registers let as many warps run on a multiprocessor as it has room for blocks, 32.
 
 Read per hit: 4 bytes of the list and 36 of the record (40 with depth), mostly from the caches; written per
 pixel: 16 bytes, 20 with depth.

@@ -3,10 +3,12 @@
 It walks front to back, as ``blending`` does and with the same arithmetic, keeping the part of the sum that
 lies behind each pixel's splat: it stops where the forward pass stopped and divides by nothing that can be 0.
 
-The inner loop costs 219 instructions per hit and warp, and 64 registers let as many warps run on a
-multiprocessor as it has room for blocks, 32. A lane adds up its 4 pixels in moments of their offset, so that
-9 numbers per lane are left (10 with depth). To add these up over the 32 lanes, each lane passes half of its
-numbers on and keeps half, while there is more than one: 12 shuffles, where number by number takes 45.
+The inner loop costs 216 instructions per hit and warp where the loss uses colour alone; 64 registers then let
+as many warps run on a multiprocessor as it has room for blocks, 32 (with all images 233 and 72).
+
+A lane adds up its 4 pixels in moments of their offset, so that 9 numbers per lane are left (10 with depth).
+To add these up over the 32 lanes, each lane passes half of its numbers on and keeps half, while there is more
+than one: 12 shuffles, where number by number takes 45.
 
 Read per hit: 8 bytes of the lists and 36 of the record (40 with depth); written: its row of 40 bytes. Read
 per pixel: 24 bytes, and 8 more each with gradients of alpha and depth.
