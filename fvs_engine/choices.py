@@ -5,8 +5,8 @@ from typing import Literal
 Quality = Literal["coarse", "fine"]
 """Training presets: ``coarse`` has SH degree 0 and is quick, ``fine`` has degree 3."""
 
-Backend = Literal["auto", "cpu", "cuda", "reference"]
-"""Rasterisers; ``auto`` is ``cuda`` where it can run, else ``cpu``."""
+Backend = Literal["auto", "cpu", "gsplat", "triton", "reference"]
+"""Rasterisers; ``auto`` is ``gsplat`` where it can run, else ``cpu``."""
 
 CameraModel = Literal["SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV"]
 """Camera models that structure from motion estimates."""

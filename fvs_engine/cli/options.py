@@ -46,7 +46,7 @@ TerrainOption = Annotated[
 class RunOptions:
     """Backend, threads and output format of a command."""
 
-    backend: Annotated[Backend, typer.Option(help="Rasteriser; auto is cuda where it can run, else cpu.")] = (
+    backend: Annotated[Backend, typer.Option(help="Rasteriser; auto: gsplat if it can run, else cpu.")] = (
         "auto"
     )
     threads: Annotated[

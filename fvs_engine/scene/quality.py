@@ -4,6 +4,7 @@ from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import torch
 from numpy.typing import NDArray
 
 from fvs_engine.monitor import Monitor
@@ -19,16 +20,18 @@ Image = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Comparison:
-    """The render of a view, [H, W, 3] in [0, 1], and its photograph likewise."""
+    """The render of a view, [H, W, 3] in [0, 1], and its photograph likewise; compared on ``device``."""
 
     view: TrainingView
     render: Image
     photograph: Image
+    device: torch.device
 
     @classmethod
     def of(cls, model: SceneModel, view: TrainingView, rasterizer: Rasterizer) -> "Comparison":
         """Render ``view`` and compare it with its photograph."""
-        return cls(view, model.render(view, rasterizer), view.image.astype(np.float32) / np.float32(255))
+        photograph = view.image.astype(np.float32) / np.float32(255)
+        return cls(view, model.render(view, rasterizer), photograph, rasterizer.device)
 
     @property
     def psnr_db(self) -> float:
@@ -38,7 +41,7 @@ class Comparison:
     @property
     def ssim(self) -> float:
         """The structural similarity where the photograph counts."""
-        return ssim(self.render, self.photograph, self.view.mask)
+        return ssim(self.render, self.photograph, self.view.mask, self.device)
 
     @property
     def where_it_counts(self) -> tuple[Image, Image]:

@@ -13,7 +13,7 @@ from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.score.parallel import map_in_order
 from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.raster import Rasterizer
+from fvs_engine.splat.raster import BatchRasterizer, Rasterizer
 from fvs_engine.views import PinholeView
 from fvs_schema.candidates import CandidateStatus
 from fvs_schema.stages import Stage
@@ -64,18 +64,11 @@ class RenderingScorer(ABC):
         self.prepare(device, monitor)
 
         def scores_of(batch: Sequence[PinholeView]) -> list[CandidateScore]:
-            colors, alphas = [], []
-            for candidate in batch:
-                monitor.check()
-                with torch.no_grad():
-                    rendering = rasterizer.render(
-                        gaussians, candidate.camera, candidate.camera_from_model, sh_degree=sh_degree
-                    )
-                colors.append(rendering.color)
-                alphas.append(rendering.alpha.mean())
-            images = torch.stack(colors) if len(colors) > 1 else colors[0][None]  # one needs no copy
+            monitor.check()
+            with torch.no_grad():
+                images, alphas = _render_batch(rasterizer, gaussians, batch, sh_degree)
             values = self.measure(images).tolist()
-            coverages = torch.stack(alphas).tolist()
+            coverages = alphas.mean(dim=(1, 2)).tolist()
             return [
                 judged(candidate.name, value, coverage, self.min_coverage)
                 for candidate, value, coverage in zip(batch, values, coverages, strict=True)
@@ -137,3 +130,18 @@ def _batches(candidates: Sequence[PinholeView], device: torch.device) -> list[Se
         camera = candidates[0].camera
         size = max(1, _BATCH_PIXELS // (camera.width * camera.height))
     return [candidates[start : start + size] for start in range(0, len(candidates), size)]
+
+
+def _render_batch(
+    rasterizer: Rasterizer, gaussians: Gaussians, views: Sequence[PinholeView], sh_degree: int | None
+) -> tuple[Tensor, Tensor]:
+    """Colours [B, H, W, 3] and alphas [B, H, W] of views of one size."""
+    if isinstance(rasterizer, BatchRasterizer):
+        return rasterizer.render_batch(gaussians, views, sh_degree=sh_degree)
+    rendered = [
+        rasterizer.render(gaussians, view.camera, view.camera_from_model, sh_degree=sh_degree)
+        for view in views
+    ]
+    if len(rendered) == 1:  # needs no copy
+        return rendered[0].color[None], rendered[0].alpha[None]
+    return torch.stack([one.color for one in rendered]), torch.stack([one.alpha for one in rendered])

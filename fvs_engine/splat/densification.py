@@ -20,6 +20,7 @@ from fvs_engine.splat.optimiser import GaussianAdam
 from fvs_engine.splat.raster.interface import Rendering
 from fvs_engine.splat.raster.reference_projection import rotation_matrices
 from fvs_engine.splat.settings import Densification
+from fvs_engine.splat.step_guard import StepGuard
 
 SPLIT_CHILDREN = 2
 SPLIT_SHRINK = 0.8 * SPLIT_CHILDREN
@@ -36,27 +37,27 @@ class GradientStatistics:
         self.total = torch.zeros(count, device=device)
         self.views = torch.zeros(count, device=device)
 
-    def add(self, rendering: Rendering) -> None:
-        """Count one backward pass through ``rendering``."""
+    def add(self, rendering: Rendering, guard: StepGuard | None = None) -> None:
+        """Count one backward pass through ``rendering``; with the ``guard`` of a device, unless it is set."""
         height, width, _ = rendering.color.shape
         gradient = rendering.screen_means.grad if rendering.screen_means is not None else None
         if gradient is None:
             return
         half_width, half_height = width / 2, height / 2
-        if gradient.device.type == "cpu":
-            _add_gradients(
-                gradient.numpy(),
-                rendering.radii_px.detach().numpy(),
-                np.float32(half_width),
-                np.float32(half_height),
-                self.total.numpy(),
-                self.views.numpy(),
-            )
+        if guard is not None:
+            from fvs_engine.splat.triton_kernels.adam import add_gradients
+
+            radii_px = rendering.radii_px.detach()
+            add_gradients(gradient, radii_px, half_width, half_height, self.total, self.views, guard.words)
             return
-        visible = rendering.radii_px > 0
-        norm = torch.hypot(gradient[:, 0] * half_width, gradient[:, 1] * half_height)
-        self.total += torch.where(visible, norm, torch.zeros_like(norm))
-        self.views += visible
+        _add_gradients(
+            gradient.numpy(),
+            rendering.radii_px.detach().numpy(),
+            np.float32(half_width),
+            np.float32(half_height),
+            self.total.numpy(),
+            self.views.numpy(),
+        )
 
     def mean(self) -> Tensor:
         """The mean norm per Gaussian [N]; 0 where no view saw it."""

@@ -4,8 +4,6 @@ Source: Kerbl et al., "3D Gaussian Splatting", 2023; SSIM after Wang et al., 200
 window (σ = 1.5 px), zero padding, and the mean over all pixels and channels.
 """
 
-from typing import Any
-
 import numba
 import numpy as np
 import torch
@@ -21,25 +19,39 @@ from fvs_engine.splat.loss_kernels import (
     photometric_rows,
     workspace_floats,
 )
+from fvs_engine.splat.step_guard import StepGuard
 
 SSIM_WEIGHT = 0.2
 _CACHE_LINE_FLOATS = 16
 
 
-def photometric_loss(color: Tensor, target: Tensor, ssim_weight: float = SSIM_WEIGHT) -> Tensor:
-    """The loss between a rendering and a photograph, differentiable in the rendering.
+def photometric_loss(
+    color: Tensor, target: Tensor, ssim_weight: float = SSIM_WEIGHT, guard: StepGuard | None = None
+) -> tuple[Tensor, Tensor]:
+    """The loss between a rendering and a photograph, and its gradient with respect to the rendering.
 
-    ``color`` [H, W, 3] float32, contiguous, not clamped; ``target`` [H, W, 3] uint8 on the same device;
-    returns a scalar. One fused kernel on the CPU, convolutions elsewhere.
+    ``color`` [H, W, 3] float32, not clamped; ``target`` [H, W, 3] uint8 on the same device; returns a scalar
+    and [H, W, 3]. Fused kernels: Numba's, or with the ``guard`` of a device Triton's, which set it when the
+    loss is not finite.
     """
-    if color.device.type == "cpu":
-        loss: Tensor = _FusedLoss.apply(color, target, ssim_weight)  # type: ignore[no-untyped-call]
-        return loss
-    return photometric_loss_torch(color, target.to(color.dtype) / 255, ssim_weight)
+    color = color.detach().contiguous()
+    if guard is not None:
+        from fvs_engine.splat.triton_kernels.photometric import photometric
+
+        return photometric(color, target, ssim_weight, guard.words)
+    height, width, _ = color.shape
+    gradient = torch.empty_like(color)
+    loss = _fused_loss(
+        color.numpy().reshape(height, 3 * width),
+        target.contiguous().numpy().reshape(height, 3 * width),
+        gradient.numpy().reshape(height, 3 * width),
+        ssim_weight,
+    )
+    return color.new_tensor(loss), gradient
 
 
 def photometric_loss_torch(color: Tensor, target: Tensor, ssim_weight: float = SSIM_WEIGHT) -> Tensor:
-    """The loss in plain torch, for any device and any float type; ``target`` [H, W, 3] in [0, 1]."""
+    """The loss in plain torch, of any float type: the oracle; ``target`` [H, W, 3] in [0, 1]."""
     l1 = (color - target).abs().mean()
     return (1 - ssim_weight) * l1 + ssim_weight * (1 - ssim_map(color, target).mean())
 
@@ -57,31 +69,9 @@ def ssim_map(a: Tensor, b: Tensor) -> Tensor:
 
 def _blur(images: Tensor) -> Tensor:
     window = torch.as_tensor(gaussian_window(), dtype=images.dtype, device=images.device)
-    rows = functional.conv2d(images, window.view(1, 1, -1, 1), padding=(REACH, 0))
-    return functional.conv2d(rows, window.view(1, 1, 1, -1), padding=(0, REACH))
-
-
-class _FusedLoss(torch.autograd.Function):
-    """Value and gradient in one pass: the backward pass returns what the forward pass computed."""
-
-    @staticmethod
-    def forward(ctx: Any, color: Tensor, target: Tensor, ssim_weight: float) -> Tensor:
-        height, width, _ = color.shape
-        gradient = torch.empty_like(color, memory_format=torch.contiguous_format)
-        loss = _fused_loss(
-            color.detach().contiguous().numpy().reshape(height, 3 * width),
-            target.contiguous().numpy().reshape(height, 3 * width),
-            gradient.numpy().reshape(height, 3 * width),
-            ssim_weight,
-        )
-        ctx.gradient = gradient
-        return color.new_tensor(loss)
-
-    @staticmethod
-    def backward(ctx: Any, *upstream: Tensor) -> tuple[Tensor, None, None]:
-        scale = float(upstream[0])
-        gradient: Tensor = ctx.gradient
-        return (gradient if scale == 1.0 else gradient * scale), None, None
+    with torch.backends.cudnn.flags(allow_tf32=False):  # variances cancel: 10 bits of mantissa leave nothing
+        rows = functional.conv2d(images, window.view(1, 1, -1, 1), padding=(REACH, 0))
+        return functional.conv2d(rows, window.view(1, 1, 1, -1), padding=(0, REACH))
 
 
 def _fused_loss(

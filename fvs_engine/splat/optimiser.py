@@ -11,6 +11,7 @@ from torch import Tensor
 from fvs_engine.compilation.kernels import kernel, parallel_kernel
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.settings import LearningRates, sh_coefficient_count
+from fvs_engine.splat.step_guard import StepGuard
 
 BETA_FIRST = 0.9
 BETA_SECOND = 0.999
@@ -63,10 +64,18 @@ class GaussianAdam:
         self.second = {name: torch.zeros_like(p) for name, p in gaussians.tensors().items()}
         self.steps = 0
 
-    def step(self, gaussians: Gaussians, rates: Mapping[str, float], visible: Tensor, sh_degree: int) -> None:
+    def step(
+        self,
+        gaussians: Gaussians,
+        rates: Mapping[str, float],
+        visible: Tensor,
+        sh_degree: int,
+        guard: StepGuard | None = None,
+    ) -> None:
         """Move every parameter along its ``.grad`` and clear that; sparse ones where ``visible`` [N] (bool).
 
-        Only harmonics up to ``sh_degree`` are touched: the others had no part in the rendering.
+        Only harmonics up to ``sh_degree`` are touched: the others had no part in the rendering. With the
+        ``guard`` of a device its kernels compute it, and nothing moves once that is set.
         """
         self.steps += 1
         correction_first = 1 - BETA_FIRST**self.steps
@@ -80,11 +89,14 @@ class GaussianAdam:
                 continue
             step_size = rates[name] / correction_first
             tensors = (parameter.detach(), gradient, self.first[name], self.second[name])
-            if parameter.device.type != "cpu":
-                seen = visible if name in SPARSE else torch.ones_like(visible)
-                _adam_torch(tensors, seen, columns, step_size, correction_second)
+            rows = tuple(tensor.reshape(len(gaussians), -1) for tensor in tensors)
+            if guard is not None:
+                from fvs_engine.splat.triton_kernels.adam import adam
+
+                seen = visible if name in SPARSE else None
+                adam(*rows, seen, columns, step_size, 1 / correction_second**0.5, guard.words)
                 continue
-            p, g, m, v = (tensor.reshape(len(gaussians), -1).numpy() for tensor in tensors)
+            p, g, m, v = (tensor.numpy() for tensor in rows)
             rate, root_correction = F32(step_size), F32(1 / correction_second**0.5)
             if name in SPARSE:
                 adam_rows(p, g, m, v, visible.numpy(), columns, rate, root_correction)
@@ -102,18 +114,6 @@ class GaussianAdam:
         """Zero the moments of one parameter, whose values were replaced."""
         self.first[name].zero_()
         self.second[name].zero_()
-
-
-def _adam_torch(
-    tensors: tuple[Tensor, ...], visible: Tensor, columns: int, step_size: float, correction_second: float
-) -> None:
-    """The kernel below in plain torch, for devices without Numba: the oracle of its tests."""
-    parameter, gradient, first, second = (t.reshape(len(visible), -1)[:, :columns] for t in tensors)
-    seen = visible[:, None]
-    first.copy_(torch.where(seen, first.lerp(gradient, 1 - BETA_FIRST), first))
-    second.copy_(torch.where(seen, second * BETA_SECOND + (1 - BETA_SECOND) * gradient**2, second))
-    update = step_size * first / ((second / correction_second).sqrt() + EPSILON)
-    parameter.sub_(torch.where(seen, update, torch.zeros_like(update)))
 
 
 @kernel

@@ -29,8 +29,9 @@ from fvs_engine.splat.densification import (
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.losses import photometric_loss
 from fvs_engine.splat.optimiser import GaussianAdam, learning_rates_at
-from fvs_engine.splat.raster.interface import Rasterizer, Rendering
+from fvs_engine.splat.raster.interface import GuardedRasterizer, Rasterizer, Rendering
 from fvs_engine.splat.settings import TrainingSettings
+from fvs_engine.splat.step_guard import PendingReport, StepGuard
 from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.view_order import ViewOrder
 from fvs_engine.splat.views import TrainingView, median_depth, scene_extent
@@ -64,10 +65,17 @@ class _Target:
         mask = torch.tensor(view.mask, device=device)[..., None]
         return _Target(view.camera, image * mask, mask.to(torch.float32))
 
-    def loss(self, rendering: Rendering, ssim_weight: float) -> Tensor:
-        """The loss of a rendering. Both images are black where nothing counts, and nothing is lost there."""
-        color = rendering.color if self.mask is None else rendering.color * self.mask
-        return photometric_loss(color, self.image, ssim_weight)
+    def loss(
+        self, rendering: Rendering, ssim_weight: float, guard: StepGuard | None
+    ) -> tuple[Tensor, Tensor]:
+        """The loss of a rendering, and its gradient with respect to the colours [H, W, 3].
+
+        Both images are black where nothing counts, and nothing is lost there.
+        """
+        if self.mask is None:
+            return photometric_loss(rendering.color, self.image, ssim_weight, guard)
+        loss, gradient = photometric_loss(rendering.color * self.mask, self.image, ssim_weight, guard)
+        return loss, gradient * self.mask
 
     def seen(self, rendering: Rendering) -> Rendering:
         """The rendering, after the backward pass, without the Gaussians that no pixel showed that counts."""
@@ -76,6 +84,24 @@ class _Target:
             return rendering
         counts = (gradient != 0).any(dim=1)
         return replace(rendering, radii_px=rendering.radii_px.detach() * counts)
+
+
+@dataclass(frozen=True)
+class _State:
+    """What the host counts, before a step."""
+
+    iteration: int
+    steps: int
+    order: ViewOrder
+
+
+@dataclass(frozen=True)
+class _Launched:
+    """A step that a device was given: what was ``before`` it, its view, and the report that will come."""
+
+    before: _State
+    view: str
+    report: PendingReport
 
 
 class Trainer:
@@ -130,6 +156,8 @@ class Trainer:
         self.extent = scene_extent(views, means)
         self.optimiser = GaussianAdam(self.gaussians)
         self.statistics = GradientStatistics(len(gaussians), rasterizer.device)
+        self._guard = StepGuard(rasterizer.device) if rasterizer.steps_on_device else None
+        self._in_flight: list[_Launched] = []
         self._reduction = settings.reduction_at(0)
         self._targets: dict[int, _Target] = {}  # by the view's index, of the present level
         self._order = ViewOrder(seed, 0, [], [1] * len(views) if repeats is None else list(repeats))
@@ -159,55 +187,92 @@ class Trainer:
         work = self.settings.work_until(until_iteration)
         threads = FasterThreads()
         with torch_threads_for(self.rasterizer.device):
-            while self.iteration < until_iteration:
-                monitor.check()
-                start = time.perf_counter()
-                with threads.step():
-                    loss = self._step()
-                elapsed = time.perf_counter() - start
-                smooth_loss = _blend(smooth_loss, loss, _LOSS_SMOOTHING)
-                smooth_s = _blend(smooth_s, elapsed, _RATE_SMOOTHING)
-                monitor.report(
-                    stage,
-                    self.iteration,
-                    until_iteration,
-                    worked=self.settings.work_until(self.iteration) / work,
-                    loss=smooth_loss,
-                    gaussians=len(self.gaussians),
-                    iterations_per_s=1 / smooth_s,
-                )
+            try:
+                while self.iteration < until_iteration:
+                    monitor.check()
+                    start = time.perf_counter()
+                    with threads.step():
+                        loss = self._step(until_iteration)
+                    elapsed = time.perf_counter() - start
+                    smooth_s = _blend(smooth_s, elapsed, _RATE_SMOOTHING)
+                    if loss is None:
+                        continue
+                    smooth_loss = _blend(smooth_loss, loss, _LOSS_SMOOTHING)
+                    monitor.report(
+                        stage,
+                        self.iteration,
+                        until_iteration,
+                        worked=self.settings.work_until(self.iteration) / work,
+                        loss=smooth_loss,
+                        gaussians=len(self.gaussians),
+                        iterations_per_s=1 / smooth_s,
+                    )
+            finally:
+                self._settle(0)
 
-    def _step(self) -> float:
-        """One iteration; returns the loss before it."""
-        settings, gaussians = self.settings, self.gaussians
+    def _step(self, until_iteration: int) -> float | None:
+        """One iteration; returns the last loss that is known: on a device that of the iteration before."""
+        settings, gaussians, guard = self.settings, self.gaussians, self._guard
+        before = _State(self.iteration, self.optimiser.steps, self._order.copy() if guard else self._order)
         index = self._order.next()
         view, target = self.views[index], self._target(index)
         sh_degree = self.sh_degree
-        rendering = self.rasterizer.render(
-            gaussians, target.camera, view.camera_from_model, sh_degree=sh_degree
-        )
-        loss = target.loss(rendering, settings.ssim_weight)
-        value = loss.item()
-        if not math.isfinite(value):
-            raise TrainingError(
-                f"Training diverged at iteration {self.iteration}: the loss on {view.name} is {value}.",
-                hint=_DIVERGED_HINT,
+        if guard is not None and isinstance(self.rasterizer, GuardedRasterizer):
+            rendering = self.rasterizer.render_guarded(
+                gaussians, target.camera, view.camera_from_model, guard, sh_degree=sh_degree
             )
-        if loss.requires_grad:
-            loss.backward()  # type: ignore[no-untyped-call]
+        else:
+            rendering = self.rasterizer.render(
+                gaussians, target.camera, view.camera_from_model, sh_degree=sh_degree
+            )
+        loss, gradient = target.loss(rendering, settings.ssim_weight, guard)
+        value = None if guard is not None else _finite(loss.item(), self.iteration, view.name)
+        if rendering.color.requires_grad:
+            rendering.color.backward(gradient)  # type: ignore[no-untyped-call]
             rendering = target.seen(rendering)
         rules = settings.densification
         if self.iteration < rules.last_iteration:
-            self.statistics.add(rendering)
+            self.statistics.add(rendering, guard)
         rates = learning_rates_at(settings.learning_rates, self.iteration, settings.iterations, self.extent)
-        self.optimiser.step(gaussians, rates, rendering.radii_px.detach() > 0, sh_degree)
+        self.optimiser.step(gaussians, rates, rendering.radii_px.detach() > 0, sh_degree, guard)
         self.iteration += 1
-        if is_due(rules, self.iteration):
+        due, reset = is_due(rules, self.iteration), reset_is_due(rules, self.iteration)
+        if guard is not None:
+            self._in_flight.append(_Launched(before, view.name, guard.report(loss)))
+            value = self._settle(0 if due or reset or self.iteration == until_iteration else 1)
+            if self.iteration <= before.iteration:
+                return None
+        if due:
             self._densify()
-        if reset_is_due(rules, self.iteration):
+        if reset:
             with torch.no_grad():
                 reset_opacities(self.gaussians, self.optimiser)
         return value
+
+    def _settle(self, in_flight: int) -> float | None:
+        """Wait until so many steps at most are in flight; the loss of the last that ended.
+
+        If one had too little room, it and those after it changed nothing: go back to before it. Raises
+        ``TrainingError`` if its loss was not finite.
+        """
+        loss = None
+        while self._guard is not None and len(self._in_flight) > in_flight:
+            launched = self._in_flight.pop(0)
+            report = launched.report.wait()
+            if report.overflowed or report.diverged:
+                self._in_flight.clear()
+                before = launched.before
+                self.iteration, self.optimiser.steps, self._order = (
+                    before.iteration,
+                    before.steps,
+                    before.order,
+                )
+                self._guard.reset()
+                if report.overflowed:
+                    self._guard.make_room(report.needed)
+                    return None
+            loss = _finite(report.loss, launched.before.iteration, launched.view)
+        return loss
 
     def _densify(self) -> None:
         rules = self.settings.densification
@@ -326,6 +391,15 @@ def _trainable(gaussians: Gaussians) -> Gaussians:
     """The same values as contiguous leaf tensors with gradients."""
     leaves = {name: tensor.detach().contiguous() for name, tensor in gaussians.tensors().items()}
     return Gaussians(**leaves).requires_grad_()
+
+
+def _finite(loss: float, iteration: int, view: str) -> float:
+    """The loss; raises ``TrainingError`` if it is not finite."""
+    if not math.isfinite(loss):
+        raise TrainingError(
+            f"Training diverged at iteration {iteration}: the loss on {view} is {loss}.", hint=_DIVERGED_HINT
+        )
+    return loss
 
 
 def _blend(old: float | None, new: float, share: float) -> float:

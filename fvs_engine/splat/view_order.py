@@ -1,6 +1,6 @@
 """The order in which training takes its views."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,6 +18,10 @@ class ViewOrder:
     epoch: int
     remaining: list[int]
     repeats: list[int]
+
+    def copy(self) -> "ViewOrder":
+        """The same order from here on."""
+        return replace(self, remaining=list(self.remaining))
 
     def next(self) -> int:
         """The view of the next iteration."""

@@ -40,8 +40,8 @@ def view_information(
 ) -> ViewInformation:
     """The information of one view: exact where the rasteriser supports it, else estimated.
 
-    Masked pixels have none, and a masked view is estimated. The exact way (``SquaringRasterizer``: the CPU)
-    costs as much as one gradient and needs no ``seed``.
+    Masked pixels have none, and a masked view is estimated. The exact way (``SquaringRasterizer``) costs as
+    much as one gradient and needs no ``seed``.
     Source: Jiang et al., "FisherRF", 2024, for the diagonal; ``estimated_information`` for the other way.
     """
     if not isinstance(rasterizer, SquaringRasterizer) or counted_pixels(view) is not None:
@@ -66,7 +66,7 @@ def estimated_information(
 
     With signs z = ±1 at random for every pixel and channel, E[(Jᵀz)²] is the diagonal of JᵀJ (Bekas et
     al., "An estimator for the diagonal of a matrix", 2007). A single entry is off by √(2 / probes) of its
-    value; sums over thousands of Gaussians by far less. ``seed`` decides the signs, on every device.
+    value; sums over thousands of Gaussians by far less. ``seed`` decides the signs: others on each device.
     """
     leaves = Gaussians(**{name: tensor.detach() for name, tensor in gaussians.tensors().items()})
     inputs = [getattr(leaves, name).requires_grad_() for name in _PARAMETERS]
@@ -74,10 +74,11 @@ def estimated_information(
         rendering = rasterizer.render(leaves, view.camera, view.camera_from_model, sh_degree=sh_degree)
     color, mask = rendering.color, counted_pixels(view)
     counts = None if mask is None else torch.from_numpy(mask)[..., None].to(color)
-    generator = torch.Generator().manual_seed(seed)
+    generator = torch.Generator(color.device).manual_seed(seed)
     sums = [torch.zeros_like(tensor) for tensor in inputs]
     for done in range(1, probes + 1):
-        signs = torch.randint(0, 2, color.shape, generator=generator).mul_(2).sub_(1).to(color)
+        signs = torch.randint(0, 2, color.shape, generator=generator, device=color.device)
+        signs = signs.mul_(2).sub_(1).to(color)
         signs = signs if counts is None else signs * counts
         gradients = torch.autograd.grad(
             color, inputs, signs, retain_graph=done < probes, allow_unused=True, materialize_grads=True

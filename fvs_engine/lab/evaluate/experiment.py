@@ -111,7 +111,7 @@ def run_experiment(
     protocol = protocol.for_dataset(dataset)
     paths = ExperimentFolder(folder)
     paths.claim(dataset, protocol)
-    lpips = find_lpips()
+    lpips = find_lpips(rasterizer.device)
     setup = Setup(dataset, protocol, rasterizer, lpips.compute, threads)
     notes = [f"LPIPS is left out: {lpips.reason}."] if lpips.compute is None else []
     notes += map(text, dataset.warnings)

@@ -12,7 +12,6 @@ import warnings
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 import torch
@@ -35,8 +34,8 @@ class LpipsStatus:
     reason: str
 
 
-def find_lpips() -> LpipsStatus:
-    """Look for a package and its weights on this machine."""
+def find_lpips(device: torch.device) -> LpipsStatus:
+    """Look for a package and its weights on this machine; the metric is computed on ``device``."""
     package = next((name for name in PACKAGES if importlib.util.find_spec(name) is not None), None)
     if package is None:
         return LpipsStatus(None, f"neither {' nor '.join(PACKAGES)} is installed")
@@ -48,23 +47,22 @@ def find_lpips() -> LpipsStatus:
     try:
         with warnings.catch_warnings():
             warnings.simplefilter("ignore")  # both call torchvision in ways that it has deprecated
-            metric = _from_lpips() if package == "lpips" else _from_torchmetrics()
+            metric = (_from_lpips() if package == "lpips" else _from_torchmetrics()).to(device)
     except (ImportError, RuntimeError, OSError) as error:  # such as a torchvision built for another torch
         return LpipsStatus(None, f"{package} does not work here ({type(error).__name__}: {error})")
 
     def compute(a: ArrayLike, b: ArrayLike) -> float:
         with torch.no_grad():
-            return float(metric(_batch(a), _batch(b)))
+            return float(metric(_batch(a).to(device), _batch(b).to(device)).mean())
 
     return LpipsStatus(compute, f"VGG-16, by the package {package}")
 
 
-def _from_lpips() -> Callable[[Tensor, Tensor], Any]:
-    model = importlib.import_module("lpips").LPIPS(net="vgg", verbose=False).eval()
-    return lambda a, b: model(a, b).mean()
+def _from_lpips() -> torch.nn.Module:
+    return importlib.import_module("lpips").LPIPS(net="vgg", verbose=False).eval()  # type: ignore[no-any-return]
 
 
-def _from_torchmetrics() -> Callable[[Tensor, Tensor], Any]:
+def _from_torchmetrics() -> torch.nn.Module:
     metric = importlib.import_module("torchmetrics.image.lpip").LearnedPerceptualImagePatchSimilarity
     return metric(net_type="vgg").eval()  # type: ignore[no-any-return]
 

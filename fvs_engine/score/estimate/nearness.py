@@ -17,7 +17,7 @@ from fvs_engine.score.estimate.cells import LEAST_CELL_PX, cover
 from fvs_engine.score.estimate.splat_table import SplatTable
 from fvs_engine.splat.conventions import CENTER_X, CENTER_Y, DEPTH, GREEN, RED
 from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.raster.cpu import PackedView
+from fvs_engine.splat.raster.packed_view import PackedView
 from fvs_engine.views import PinholeView
 
 Floats = NDArray[np.float32]

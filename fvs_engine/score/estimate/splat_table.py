@@ -13,7 +13,7 @@ from fvs_engine.score.estimate.projection import BLOCK, RECORD_SIZE, front_to_ba
 from fvs_engine.score.estimate.spectrum import expected_powers
 from fvs_engine.splat.conventions import ALPHA_MIN
 from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.raster.cpu import PackedView
+from fvs_engine.splat.raster.packed_view import PackedView
 from fvs_engine.splat.raster.reference_projection import rotation_matrices
 from fvs_engine.splat.spherical_harmonics import SH_C0
 from fvs_engine.views import PinholeView

@@ -16,6 +16,7 @@ from fvs_engine.splat.conventions import CENTER_X, GRADIENT_SIZE, RECORD_SIZE
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster.interface import Rendering, SquaredJacobian
 from fvs_engine.splat.raster.kernels import binning, blending, drawing, projection, squares
+from fvs_engine.splat.raster.packed_view import PackedView
 
 Floats = NDArray[np.float32]
 
@@ -31,6 +32,7 @@ class CpuRasterizer:
     """Numba kernels, forward and backward; float32."""
 
     name = "cpu"
+    steps_on_device = False
     device = torch.device("cpu")
 
     def __init__(self, monitor: Monitor | None = None) -> None:
@@ -75,24 +77,6 @@ class CpuRasterizer:
         forward = rasterize(view, parameters)
         found = (*square(forward, view, parameters), forward.alpha)
         return SquaredJacobian(*(torch.from_numpy(values) for values in found))
-
-
-class PackedView:
-    """A camera and its pose in the layout of the kernels."""
-
-    def __init__(self, camera: PinholeCamera, camera_from_model: RigidTransform, degree: int) -> None:
-        self.size = (camera.width, camera.height)
-        self.degree = degree
-        self.vector = np.empty(19, np.float32)
-        self.vector[0:9] = camera_from_model.rotation.ravel()
-        self.vector[9:12] = camera_from_model.translation
-        self.vector[12:15] = camera_from_model.inverse().translation
-        self.vector[15:19] = camera.fx, camera.fy, camera.cx, camera.cy
-
-    def tiles(self, side_px: int) -> tuple[int, int]:
-        """Columns and rows of tiles of ``side_px``."""
-        width, height = self.size
-        return -(-width // side_px), -(-height // side_px)
 
 
 @dataclass

@@ -1,5 +1,6 @@
 """The interface of rasterisers; the rules that all keep are in ``splat.conventions``."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol, runtime_checkable
 
@@ -8,6 +9,8 @@ from torch import Tensor
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.step_guard import StepGuard
+from fvs_engine.views import PinholeView
 
 
 class HasGradient(Protocol):
@@ -38,10 +41,15 @@ class Rendering:
 
 
 class Rasterizer(Protocol):
-    """One backend. Stateless between calls; safe to call from several threads."""
+    """One backend. Stateless between calls; safe to call from several threads.
+
+    ``steps_on_device``: training with it runs Triton's kernels for the loss and Adam, not Numba's, and the
+    host does not wait for its steps (``triton_kernels.guard``).
+    """
 
     name: str
     device: torch.device
+    steps_on_device: bool
 
     def render(
         self,
@@ -88,4 +96,32 @@ class SquaringRasterizer(Rasterizer, Protocol):
         sh_degree: int | None = None,
     ) -> SquaredJacobian:
         """The squared Jacobian of ``render`` with the same arguments; not differentiable."""
+        ...
+
+
+@runtime_checkable
+class BatchRasterizer(Rasterizer, Protocol):
+    """A backend that renders many views at once."""
+
+    def render_batch(
+        self, gaussians: Gaussians, views: Sequence[PinholeView], *, sh_degree: int | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """Colours [B, H, W, 3] and alphas [B, H, W] of views of one size, as ``render`` has them."""
+        ...
+
+
+@runtime_checkable
+class GuardedRasterizer(Rasterizer, Protocol):
+    """A backend that renders for a step of training without waiting for the device."""
+
+    def render_guarded(
+        self,
+        gaussians: Gaussians,
+        camera: PinholeCamera,
+        camera_from_model: RigidTransform,
+        guard: StepGuard,
+        *,
+        sh_degree: int | None = None,
+    ) -> Rendering:
+        """As ``render``, without depth (zeros); an image with too little room for its hits sets ``guard``."""
         ...

@@ -19,6 +19,7 @@ class ReferenceRasterizer:
     """Plain torch; the backend that all others are tested against."""
 
     name = "reference"
+    steps_on_device = False
     device = torch.device("cpu")
 
     def render(

@@ -14,9 +14,10 @@ _log = logging.getLogger(__name__)
 
 
 def create_rasterizer(name: str = "auto", monitor: Monitor | None = None) -> Rasterizer:
-    """Create a backend by name; ``auto`` is ``cuda`` where CUDA and gsplat are available, else ``cpu``.
+    """Create a backend by name; ``auto`` is ``gsplat`` where it can run, else ``cpu``.
 
-    ``auto`` logs a warning when it cannot use a device that is there: the CPU takes many times as long.
+    ``auto`` logs a warning when it cannot use a device that is there: the CPU takes many times as long. It
+    will be ``triton`` once that backend was proven on a device (benchmarks/gpu).
 
     Raises ``InvalidInputError`` for an unknown name, ``BackendUnavailableError`` when it cannot run here.
     Backends are imported here, not at the top: each loads a compiler or a device. On its first use on a
@@ -24,7 +25,7 @@ def create_rasterizer(name: str = "auto", monitor: Monitor | None = None) -> Ras
     """
     if name == "auto":
         try:
-            return create_rasterizer("cuda", monitor)
+            return create_rasterizer("gsplat", monitor)
         except BackendUnavailableError as error:
             if torch.cuda.is_available():
                 _log.warning("The CUDA device is not used. %s", error)
@@ -37,14 +38,18 @@ def create_rasterizer(name: str = "auto", monitor: Monitor | None = None) -> Ras
         from fvs_engine.splat.raster.cpu import CpuRasterizer
 
         return CpuRasterizer(monitor)
-    if name == "cuda":
+    if name == "triton":
+        from fvs_engine.splat.raster.triton import TritonRasterizer
+
+        return TritonRasterizer()
+    if name == "gsplat":
         if not torch.cuda.is_available():
             raise BackendUnavailableError(
-                "The cuda rasteriser needs a CUDA device.", hint="Use the backend 'cpu'."
+                "The gsplat rasteriser needs a CUDA device.", hint="Use the backend 'cpu'."
             )
-        from fvs_engine.splat.raster.cuda import CudaRasterizer
+        from fvs_engine.splat.raster.gsplat import GsplatRasterizer
 
-        return CudaRasterizer()
+        return GsplatRasterizer()
     raise InvalidInputError(
         f"There is no rasteriser {name!r}.", hint=f"Choose one of {', '.join(get_args(Backend))}."
     )

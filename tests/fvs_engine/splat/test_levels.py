@@ -35,7 +35,7 @@ def test_images_grow_with_the_levels(
     sizes: list[tuple[int, int]] = []
 
     class Watching:
-        name, device = cpu.name, cpu.device
+        name, device, steps_on_device = cpu.name, cpu.device, False
 
         def render(self, gaussians, camera, camera_from_model, **options):  # type: ignore[no-untyped-def]
             sizes.append((camera.width, camera.height))

@@ -95,7 +95,7 @@ def test_every_view_once_per_epoch(scene_views: Views, start: Start, cpu: Raster
     seen: list[TrainingView] = []
 
     class Watching:
-        name, device = cpu.name, cpu.device
+        name, device, steps_on_device = cpu.name, cpu.device, False
 
         def render(self, gaussians, camera, camera_from_model, **options):  # type: ignore[no-untyped-def]
             seen.append(next(v for v in scene_views if v.camera_from_model is camera_from_model))

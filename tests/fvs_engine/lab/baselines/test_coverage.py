@@ -10,7 +10,9 @@ from fvs_engine.splat.raster import create_rasterizer
 from fvs_engine.splat.views import TrainingView
 
 
-@pytest.fixture(params=["cpu", pytest.param("cuda", marks=pytest.mark.cuda)])
+@pytest.fixture(
+    params=["cpu", *(pytest.param(name, marks=pytest.mark.cuda) for name in ("gsplat", "triton"))]
+)
 def rasterizer(request):
     return create_rasterizer(request.param)
 

@@ -14,7 +14,7 @@ from fvs_engine.views import PinholeView
 
 
 @pytest.fixture(
-    params=["cpu", pytest.param("cuda", marks=pytest.mark.cuda)],
+    params=["cpu", *(pytest.param(name, marks=pytest.mark.cuda) for name in ("gsplat", "triton"))],
 )
 def rasterizer(request):
     return create_rasterizer(request.param)

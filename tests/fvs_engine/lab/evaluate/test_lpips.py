@@ -13,6 +13,8 @@ import torch
 
 from fvs_engine.lab.evaluate.lpips import BACKBONE_FILE, find_lpips
 
+CPU = torch.device("cpu")
+
 
 @pytest.fixture
 def install(monkeypatch: pytest.MonkeyPatch) -> Callable[..., None]:
@@ -50,7 +52,7 @@ def fake_lpips() -> ModuleType:
 
 def test_without_a_package_the_reason_is_given(install: Callable[..., None]) -> None:
     install()
-    status = find_lpips()
+    status = find_lpips(CPU)
     assert status.compute is None
     assert "lpips" in status.reason
     assert "torchmetrics" in status.reason
@@ -58,7 +60,7 @@ def test_without_a_package_the_reason_is_given(install: Callable[..., None]) -> 
 
 def test_torchvision_is_needed_too(install: Callable[..., None]) -> None:
     install(torchmetrics=ModuleType("torchmetrics"))
-    assert "torchvision" in find_lpips().reason
+    assert "torchvision" in find_lpips(CPU).reason
 
 
 def test_without_weights_nothing_is_downloaded(
@@ -71,7 +73,7 @@ def test_without_weights_nothing_is_downloaded(
     module.LPIPS = no_package_may_be_asked  # type: ignore[attr-defined]
     install(lpips=module, torchvision=ModuleType("torchvision"))
     monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path))
-    status = find_lpips()
+    status = find_lpips(CPU)
     assert status.compute is None
     assert str(tmp_path) in status.reason
 
@@ -88,7 +90,7 @@ def test_a_package_that_does_not_work_is_named(
     (tmp_path / "checkpoints").mkdir()
     (tmp_path / "checkpoints" / BACKBONE_FILE).touch()
     monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path))
-    status = find_lpips()
+    status = find_lpips(CPU)
     assert status.compute is None
     assert "torchvision::nms" in status.reason
 
@@ -100,7 +102,7 @@ def test_with_package_and_weights_images_are_compared_in_the_network_s_range(
     (tmp_path / "checkpoints").mkdir()
     (tmp_path / "checkpoints" / BACKBONE_FILE).touch()
     monkeypatch.setattr(torch.hub, "get_dir", lambda: str(tmp_path))
-    status = find_lpips()
+    status = find_lpips(CPU)
     assert status.compute is not None
     black, grey = np.zeros((8, 9, 3)), np.full((8, 9, 3), 0.25)
     assert status.compute(black, black) == 0.0

@@ -107,7 +107,7 @@ def test_all_selectors_repeat_themselves_whatever_the_order_of_the_candidates(co
     assert all(tensor.grad is None and not tensor.requires_grad for tensor in ball.tensors().values())
 
 
-@pytest.mark.parametrize("backend", ["reference", pytest.param("cuda", marks=pytest.mark.cuda)])
+@pytest.mark.parametrize("backend", ["reference", pytest.param("gsplat", marks=pytest.mark.cuda)])
 @pytest.mark.parametrize("name", SELECTORS)
 def test_all_selectors_need_no_more_of_a_rasteriser_than_its_interface(context, ring, ball, backend, name):
     rasterizer = create_rasterizer(backend)

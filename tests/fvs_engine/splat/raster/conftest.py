@@ -78,7 +78,7 @@ def fake_gsplat(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Pat
     package.mkdir()
     monkeypatch.syspath_prepend(tmp_path)
     monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    monkeypatch.delitem(sys.modules, "fvs_engine.splat.raster.cuda", raising=False)
+    monkeypatch.delitem(sys.modules, "fvs_engine.splat.raster.gsplat", raising=False)
     installed = _forget_gsplat()
     yield package
     _forget_gsplat()
@@ -91,31 +91,29 @@ def _forget_gsplat() -> dict[str, ModuleType]:
 
 @pytest.fixture
 def gsplat_in_torch(monkeypatch: pytest.MonkeyPatch) -> Rasterizer:
-    """The ``cuda`` backend on the CPU: gsplat's ``rasterization`` over its own torch functions, in any dtype.
+    """The ``gsplat`` backend on the CPU, over gsplat's own torch functions, in any dtype.
 
     Only the blending is ours. Nothing is compiled: the module that would do it is replaced before its import.
     """
     import gsplat.cuda
     import gsplat.rendering
-    from gsplat.cuda import _torch_impl as plain
 
     kernels = ModuleType("gsplat.cuda._backend")
     kernels._C = object()
     monkeypatch.setitem(sys.modules, kernels.__name__, kernels)
     monkeypatch.setattr(gsplat.cuda, "_backend", kernels, raising=False)
-    monkeypatch.delitem(sys.modules, "fvs_engine.splat.raster.cuda", raising=False)
+    monkeypatch.delitem(sys.modules, "fvs_engine.splat.raster.gsplat", raising=False)
     stand_ins = {
         "fully_fused_projection": _project,
-        "spherical_harmonics": lambda *arguments, masks: plain._spherical_harmonics(*arguments),  # noqa: ARG005
         "isect_tiles": _sort,
         "isect_offset_encode": lambda _, images, width, height: torch.zeros(images, height, width),
         "rasterize_to_pixels": _blend,
     }
     for name, stand_in in stand_ins.items():
         monkeypatch.setattr(gsplat.rendering, name, stand_in)
-    adapter = importlib.import_module("fvs_engine.splat.raster.cuda")
+    adapter = importlib.import_module("fvs_engine.splat.raster.gsplat")
     monkeypatch.delitem(sys.modules, adapter.__name__)  # others import it over gsplat's own kernels
-    rasterizer = adapter.CudaRasterizer()
+    rasterizer = adapter.GsplatRasterizer()
     assert rasterizer.device.type == "cuda"
     rasterizer.device = torch.device("cpu")
     return rasterizer

@@ -7,7 +7,13 @@ from fvs_engine.splat.raster import Rasterizer, Rendering, create_rasterizer
 from fvs_engine.splat.raster.reference import ReferenceRasterizer
 
 
-@pytest.fixture(params=["reference", "cpu", pytest.param("cuda", marks=pytest.mark.cuda)])
+@pytest.fixture(
+    params=[
+        "reference",
+        "cpu",
+        *(pytest.param(name, marks=pytest.mark.cuda) for name in ("gsplat", "triton")),
+    ]
+)
 def rasterizer(request):
     return create_rasterizer(request.param)
 

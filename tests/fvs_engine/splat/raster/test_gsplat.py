@@ -86,7 +86,7 @@ def test_a_kernel_library_that_does_not_load_is_not_a_missing_package(fake_gspla
         "print('Setting up CUDA')\nraise ImportError('gsplat_cuda.so: cannot open shared object file')"
     )
     with pytest.raises(BackendUnavailableError, match=r"cannot be compiled here: gsplat_cuda\.so"):
-        create_rasterizer("cuda")
+        create_rasterizer("gsplat")
     said = capsys.readouterr()
     assert said.out == ""
     assert "Setting up CUDA" in said.err

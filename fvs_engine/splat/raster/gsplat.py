@@ -7,6 +7,7 @@ import contextlib
 import sys
 from collections.abc import Mapping
 
+import numpy as np
 import torch
 from torch import Tensor
 
@@ -15,6 +16,7 @@ from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.splat.conventions import ALPHA_MIN, BLUR_PX2, NEAR_PLANE
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster.interface import Rendering
+from fvs_engine.splat.spherical_harmonics import sh_colors
 
 try:
     # gsplat reports its compilation on stdout, which is reserved for the program's JSON document.
@@ -23,7 +25,7 @@ try:
         import gsplat.cuda._backend
 except ModuleNotFoundError as error:
     raise BackendUnavailableError(
-        "The cuda rasteriser needs the package gsplat.",
+        "The gsplat rasteriser needs the package gsplat.",
         hint="pip install 'fvs[cuda]', with nvcc on the PATH.",
     ) from error
 except Exception as error:  # importing compiles, which can raise anything
@@ -34,10 +36,11 @@ except Exception as error:  # importing compiles, which can raise anything
     ) from error
 
 
-class CudaRasterizer:
+class GsplatRasterizer:
     """gsplat on the current CUDA device, where the Gaussians must be."""
 
-    name = "cuda"
+    name = "gsplat"
+    steps_on_device = True
 
     def __init__(self) -> None:
         # gsplat imports without its kernels; accessing them compiles them if there is a compiler.
@@ -59,23 +62,21 @@ class CudaRasterizer:
         """See ``Rasterizer.render``."""
         degree = gaussians.degree_in_use(sh_degree)
         means = gaussians.means
-        view = torch.eye(4, dtype=torch.float64)
-        view[:3, :3] = torch.as_tensor(camera_from_model.rotation)
-        view[:3, 3] = torch.as_tensor(camera_from_model.translation)
-        intrinsics = torch.as_tensor(camera.matrix)
+        view, intrinsics, centre = _on_device(camera, camera_from_model, means)
+        # Given coefficients, gsplat wants all of them in one tensor, a copy, and waits for the inverse of the view.
+        directions = torch.nn.functional.normalize(means - centre, dim=-1)
         images, alphas, meta = gsplat.rasterization(
             means,
             gaussians.quaternions_wxyz,
             gaussians.log_scales.exp(),
             torch.sigmoid(gaussians.opacity_logits),
-            torch.cat([gaussians.sh_dc[:, None], gaussians.sh_rest], dim=1),
-            view.to(means)[None],
-            intrinsics.to(means)[None],
+            sh_colors(gaussians.sh_dc, gaussians.sh_rest, directions, degree),
+            view[None],
+            intrinsics[None],
             camera.width,
             camera.height,
             near_plane=NEAR_PLANE,
             eps2d=BLUR_PX2,
-            sh_degree=degree,
             packed=False,
             render_mode="RGB+D",
         )
@@ -91,6 +92,22 @@ class CudaRasterizer:
             _radii_px(meta, camera),
             _ScreenMeans(screen_means) if screen_means.requires_grad else None,
         )
+
+
+def _on_device(
+    camera: PinholeCamera, camera_from_model: RigidTransform, like: Tensor
+) -> tuple[Tensor, Tensor, Tensor]:
+    """camera_from_model [4, 4], intrinsics [3, 3] and the camera's centre [3], of the device and dtype of ``like``.
+
+    In one copy from pinned memory: one from pageable memory would wait for the device.
+    """
+    view = np.eye(4)
+    view[:3, :3], view[:3, 3] = camera_from_model.rotation, camera_from_model.translation
+    centre = camera_from_model.inverse().translation
+    numbers = torch.from_numpy(np.concatenate([view.ravel(), camera.matrix.ravel(), centre])).to(like.dtype)
+    if like.is_cuda:
+        numbers = numbers.pin_memory().to(like.device, non_blocking=True)
+    return numbers[:16].view(4, 4), numbers[16:25].view(3, 3), numbers[25:]
 
 
 @torch.no_grad()

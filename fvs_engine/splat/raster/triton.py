@@ -1,0 +1,216 @@
+"""The Triton rasteriser: kernels of our own on a CUDA device. Deterministic; all cameras of a batch at once.
+
+Under ``TRITON_INTERPRET=1`` the same kernels run in Triton's interpreter on the CPU, for tests.
+"""
+
+import os
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import torch
+from torch import Tensor
+
+from fvs_engine.errors import BackendUnavailableError
+from fvs_engine.geometry import PinholeCamera, RigidTransform
+from fvs_engine.splat.conventions import CENTER_X
+from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.raster.interface import Rendering, SquaredJacobian
+from fvs_engine.splat.raster.packed_view import PackedView
+from fvs_engine.views import PinholeView
+
+try:
+    from fvs_engine.splat.step_guard import StepGuard
+    from fvs_engine.splat.triton_kernels.binning import Hits, bin_hits
+    from fvs_engine.splat.triton_kernels.blending import blend
+    from fvs_engine.splat.triton_kernels.blending_backward import blend_backward
+    from fvs_engine.splat.triton_kernels.projection import Projected, project, project_backward
+    from fvs_engine.splat.triton_kernels.squares import squares
+    from fvs_engine.splat.triton_kernels.sums import sum_hits
+except ModuleNotFoundError as error:
+    raise BackendUnavailableError(
+        "The triton rasteriser needs the package triton.",
+        hint="PyTorch's CUDA builds for Linux bring it: install torch from PyPI, or use the backend 'cpu'.",
+    ) from error
+
+_MOST_RECORDS = 1 << 24
+"""Gaussians × cameras that are projected at once: 1 GiB of records."""
+
+
+class TritonRasterizer:
+    """Triton kernels on the current CUDA device, where the Gaussians must be; float32."""
+
+    name = "triton"
+    steps_on_device = True
+
+    def __init__(self) -> None:
+        self.device = _device()
+
+    def render(
+        self,
+        gaussians: Gaussians,
+        camera: PinholeCamera,
+        camera_from_model: RigidTransform,
+        *,
+        sh_degree: int | None = None,
+    ) -> Rendering:
+        """See ``Rasterizer.render``. Waits for the device once, to learn how many hits there are."""
+        return self._render(gaussians, (camera, camera_from_model), sh_degree, None)
+
+    def render_guarded(
+        self,
+        gaussians: Gaussians,
+        camera: PinholeCamera,
+        camera_from_model: RigidTransform,
+        guard: StepGuard,
+        *,
+        sh_degree: int | None = None,
+    ) -> Rendering:
+        """See ``GuardedRasterizer``."""
+        return self._render(gaussians, (camera, camera_from_model), sh_degree, guard)
+
+    def render_batch(
+        self, gaussians: Gaussians, views: Sequence[PinholeView], *, sh_degree: int | None = None
+    ) -> tuple[Tensor, Tensor]:
+        """See ``BatchRasterizer``."""
+        colors, alphas = [], []
+        degree = gaussians.degree_in_use(sh_degree)
+        at_once = max(1, _MOST_RECORDS // max(1, len(gaussians)))
+        for start in range(0, len(views), at_once):
+            batch = views[start : start + at_once]
+            cameras = _Cameras.of(
+                [(view.camera, view.camera_from_model) for view in batch], degree, self.device
+            )
+            color, alpha, _ = _forward(gaussians, cameras, None, depth=False).images
+            colors.append(color)
+            alphas.append(alpha)
+        return torch.cat(colors), torch.cat(alphas)
+
+    def squared_jacobian(
+        self,
+        gaussians: Gaussians,
+        camera: PinholeCamera,
+        camera_from_model: RigidTransform,
+        *,
+        sh_degree: int | None = None,
+    ) -> SquaredJacobian:
+        """See ``SquaringRasterizer``: exact, for about the price of a gradient."""
+        degree = gaussians.degree_in_use(sh_degree)
+        cameras = _Cameras.of([(camera, camera_from_model)], degree, self.device)
+        forward = _forward(gaussians, cameras, None, depth=False)
+        color, alpha, _ = forward.images
+        found = squares(
+            gaussians, cameras.packed, cameras.size, degree, forward.projected, forward.hits, color
+        )
+        return SquaredJacobian(*found, alpha[0])
+
+    def _render(
+        self,
+        gaussians: Gaussians,
+        view: tuple[PinholeCamera, RigidTransform],
+        sh_degree: int | None,
+        guard: StepGuard | None,
+    ) -> Rendering:
+        cameras = _Cameras.of([view], gaussians.degree_in_use(sh_degree), self.device)
+        tensors = gaussians.tensors()
+        if not (torch.is_grad_enabled() and any(t.requires_grad for t in tensors.values())):
+            forward = _forward(gaussians, cameras, None, depth=True)
+            color, alpha, depth = forward.images
+            assert depth is not None
+            return Rendering(color[0], alpha[0], depth[0], forward.projected.radii[0], None)
+        # The projected centres exist only inside the kernels; this leaf receives their gradient.
+        screen_means = torch.zeros((len(gaussians), 2), device=self.device, requires_grad=True)
+        color, alpha, depth, radii = _Rasterize.apply(  # type: ignore[no-untyped-call]
+            gaussians, cameras, guard, screen_means, *tensors.values()
+        )
+        return Rendering(color[0], alpha[0], depth[0], radii, screen_means)
+
+
+def _device() -> torch.device:
+    """The device of the kernels; raises ``BackendUnavailableError`` where they cannot run."""
+    if os.environ.get("TRITON_INTERPRET") == "1":
+        return torch.device("cpu")
+    other = "ROCm" if torch.version.hip else "Intel GPUs" if torch.xpu.is_available() else None
+    if other is not None:
+        raise BackendUnavailableError(
+            f"The triton rasteriser was never tried on {other}.", hint="Use the backend 'cpu'."
+        )
+    if not torch.cuda.is_available():
+        raise BackendUnavailableError(
+            "The triton rasteriser needs a CUDA device that PyTorch can use.",
+            hint="See what torch.cuda.is_available() warns of (a driver too old for this PyTorch, or its CPU "
+            "build), or use the backend 'cpu'.",
+        )
+    return torch.device("cuda")
+
+
+@dataclass(frozen=True)
+class _Cameras:
+    """Cameras of one ``size`` (width, height) on the device, ``packed`` [C, 19] (``PackedView``)."""
+
+    packed: Tensor
+    size: tuple[int, int]
+    degree: int
+
+    @staticmethod
+    def of(
+        views: Sequence[tuple[PinholeCamera, RigidTransform]], degree: int, device: torch.device
+    ) -> "_Cameras":
+        each = [PackedView(camera, pose, degree) for camera, pose in views]
+        packed = torch.from_numpy(np.stack([view.vector for view in each]))
+        if device.type == "cuda":  # a copy from pageable memory would wait for the device
+            packed = packed.pin_memory().to(device, non_blocking=True)
+        return _Cameras(packed, each[0].size, degree)
+
+
+@dataclass(frozen=True)
+class _Forward:
+    """Results of the forward pass that the backward pass needs."""
+
+    projected: Projected
+    hits: Hits
+    images: tuple[Tensor, Tensor, Tensor | None]
+
+
+def _forward(gaussians: Gaussians, cameras: _Cameras, guard: StepGuard | None, *, depth: bool) -> _Forward:
+    """Render; the number of hits is waited for unless the ``guard`` knows how much room there is."""
+    projected = project(gaussians, cameras.packed, cameras.size, cameras.degree)
+    if guard is None:
+        hits = bin_hits(projected, cameras.size, int(projected.counts.sum(dtype=torch.int64)))
+    else:
+        if guard.capacity is None:
+            guard.make_room(int(projected.counts.sum(dtype=torch.int64)))
+        hits = bin_hits(projected, cameras.size, guard.capacity, guard.words)
+    return _Forward(projected, hits, blend(projected, hits, cameras.size, depth=depth))
+
+
+class _Rasterize(torch.autograd.Function):
+    @staticmethod
+    def forward(
+        ctx: Any,
+        gaussians: Gaussians,
+        cameras: _Cameras,
+        guard: StepGuard | None,
+        screen_means: Tensor,  # noqa: ARG004 - only its gradient is used
+        *parameters: Tensor,  # noqa: ARG004 - those of ``gaussians``: here for autograd
+    ) -> tuple[Tensor, ...]:
+        forward = _forward(gaussians, cameras, guard, depth=guard is None)
+        color, alpha, depth = forward.images
+        radii = forward.projected.radii[0]
+        ctx.mark_non_differentiable(radii)
+        ctx.set_materialize_grads(False)  # images that the loss does not use get None
+        ctx.gaussians, ctx.cameras, ctx.forward = gaussians, cameras, forward
+        return color[0], alpha[0], torch.zeros_like(alpha[0]) if depth is None else depth[0], radii
+
+    @staticmethod
+    def backward(ctx: Any, *image_gradients: Tensor | None) -> tuple[Tensor | None, ...]:
+        forward, cameras, gaussians = ctx.forward, ctx.cameras, ctx.gaussians
+        batched = [None if g is None else g.contiguous()[None] for g in image_gradients[:3]]
+        rows = blend_backward(forward.projected, forward.hits, forward.images, batched)
+        gradients = sum_hits(rows, forward.hits, 1, len(gaussians))
+        outputs = project_backward(
+            gaussians, cameras.packed, cameras.size, cameras.degree, forward.projected, gradients
+        )
+        screen = gradients[0, :, CENTER_X : CENTER_X + 2].contiguous()
+        return None, None, None, screen, *(outputs[name] for name in gaussians.tensors())
