@@ -2,9 +2,9 @@
 
     python benchmarks/gpu/goldens.py --model MODEL --images IMAGES
 
-MODEL is a folder with a COLMAP model, IMAGES its photographs. Writes ``goldens.safetensors`` beside this file,
-at most 5 MB: scenes that break rasterisers, with the images and gradients of the reference in float64; the
-scores of 300 candidates at two sizes; a training of 500 steps, with its photographs; a step of Adam; a
+MODEL is a folder with a COLMAP model, IMAGES its photographs. Writes ``goldens.safetensors`` beside this
+file, at most 5 MB: scenes that break rasterisers, with the images and gradients of the reference in float64;
+the scores of 300 candidates at two sizes; a training of 500 steps, with its photographs; a step of Adam; a
 densification.
 """
 

@@ -115,11 +115,11 @@ def moved_by_adam(rasterizer: Rasterizer) -> dict[str, Tensor]:
     guard = StepGuard(rasterizer.device) if rasterizer.steps_on_device else None
     adam = GaussianAdam(gaussians)
     draw = torch.Generator().manual_seed(1)
-    visible = (torch.arange(2_000) % 3 != 0).to(rasterizer.device)
+    radii_px = (torch.arange(2_000) % 3).float().to(rasterizer.device)
     for _ in range(3):
         for tensor in gaussians.tensors().values():
             tensor.grad = torch.randn(tensor.shape, generator=draw).to(tensor.device)
-        adam.step(gaussians, dict.fromkeys(gaussians.tensors(), 1e-2), visible, 2, guard)
+        adam.step(gaussians, dict.fromkeys(gaussians.tensors(), 1e-2), radii_px, 2, guard)
     return {name: tensor.detach().cpu() for name, tensor in gaussians.tensors().items()}
 
 

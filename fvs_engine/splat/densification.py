@@ -43,18 +43,17 @@ class GradientStatistics:
         gradient = rendering.screen_means.grad if rendering.screen_means is not None else None
         if gradient is None:
             return
-        half_width, half_height = width / 2, height / 2
         if guard is not None:
             from fvs_engine.splat.triton_kernels.adam import add_gradients
 
             radii_px = rendering.radii_px.detach()
-            add_gradients(gradient, radii_px, half_width, half_height, self.total, self.views, guard.words)
+            add_gradients(gradient, radii_px, (width, height), self.total, self.views, guard.words)
             return
         _add_gradients(
             gradient.numpy(),
             rendering.radii_px.detach().numpy(),
-            np.float32(half_width),
-            np.float32(half_height),
+            np.float32(width / 2),
+            np.float32(height / 2),
             self.total.numpy(),
             self.views.numpy(),
         )

@@ -68,11 +68,11 @@ class GaussianAdam:
         self,
         gaussians: Gaussians,
         rates: Mapping[str, float],
-        visible: Tensor,
+        radii_px: Tensor,
         sh_degree: int,
         guard: StepGuard | None = None,
     ) -> None:
-        """Move every parameter along its ``.grad`` and clear that; sparse ones where ``visible`` [N] (bool).
+        """Move every parameter along its ``.grad`` and clear that; sparse ones where ``radii_px`` [N] > 0.
 
         Only harmonics up to ``sh_degree`` are touched: the others had no part in the rendering. With the
         ``guard`` of a device its kernels compute it, and nothing moves once that is set.
@@ -89,17 +89,23 @@ class GaussianAdam:
                 continue
             step_size = rates[name] / correction_first
             tensors = (parameter.detach(), gradient, self.first[name], self.second[name])
-            rows = tuple(tensor.reshape(len(gaussians), -1) for tensor in tensors)
             if guard is not None:
-                from fvs_engine.splat.triton_kernels.adam import adam
+                from fvs_engine.splat.triton_kernels.adam import adam_step
 
-                seen = visible if name in SPARSE else None
-                adam(*rows, seen, columns, step_size, 1 / correction_second**0.5, guard.words)
+                adam_step(
+                    tensors,
+                    guard.words,
+                    step_size=step_size,
+                    root_correction=correction_second**-0.5,
+                    radii=radii_px if name in SPARSE else None,
+                    columns=columns,
+                )
                 continue
-            p, g, m, v = (tensor.numpy() for tensor in rows)
-            rate, root_correction = F32(step_size), F32(1 / correction_second**0.5)
+            p, g, m, v = (tensor.reshape(len(gaussians), -1).numpy() for tensor in tensors)
+            rate, root_correction = F32(step_size), F32(correction_second**-0.5)
             if name in SPARSE:
-                adam_rows(p, g, m, v, visible.numpy(), columns, rate, root_correction)
+                visible = (radii_px > 0).numpy()
+                adam_rows(p, g, m, v, visible, columns, rate, root_correction)
             else:
                 adam_all(p.reshape(-1), g.reshape(-1), m.reshape(-1), v.reshape(-1), rate, root_correction)
 

@@ -234,7 +234,7 @@ class Trainer:
         if self.iteration < rules.last_iteration:
             self.statistics.add(rendering, guard)
         rates = learning_rates_at(settings.learning_rates, self.iteration, settings.iterations, self.extent)
-        self.optimiser.step(gaussians, rates, rendering.radii_px.detach() > 0, sh_degree, guard)
+        self.optimiser.step(gaussians, rates, rendering.radii_px.detach(), sh_degree, guard)
         self.iteration += 1
         due, reset = is_due(rules, self.iteration), reset_is_due(rules, self.iteration)
         if guard is not None:

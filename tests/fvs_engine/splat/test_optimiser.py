@@ -33,7 +33,7 @@ def test_steps_equal_torch_adam_when_all_are_visible(make_gaussians: Make) -> No
     for seed in range(5):
         set_gradients(ours, seed)
         set_gradients(theirs, seed)
-        adam.step(ours, RATES, torch.ones(12_000, dtype=torch.bool), sh_degree=2)
+        adam.step(ours, RATES, torch.ones(12_000), sh_degree=2)
         torch_adam.step()
     for name, tensor in ours.tensors().items():
         torch.testing.assert_close(tensor, theirs.tensors()[name], rtol=1e-5, atol=1e-6)
@@ -45,7 +45,7 @@ def test_harmonics_move_only_where_they_were_seen_and_used(make_gaussians: Make)
     adam = GaussianAdam(gaussians)
     visible = torch.arange(50) % 3 == 0
     set_gradients(gaussians, 0)
-    adam.step(gaussians, RATES, visible, sh_degree=1)
+    adam.step(gaussians, RATES, visible.float(), sh_degree=1)
     moved = gaussians.sh_rest != before.sh_rest
     assert moved[visible, :3].all()
     assert not moved[~visible].any()
@@ -58,7 +58,7 @@ def test_moments_follow_their_gaussians(make_gaussians: Make) -> None:
     gaussians = make_gaussians(10, 0).requires_grad_()
     adam = GaussianAdam(gaussians)
     set_gradients(gaussians, 2)
-    adam.step(gaussians, RATES, torch.ones(10, dtype=torch.bool), sh_degree=0)
+    adam.step(gaussians, RATES, torch.ones(10), sh_degree=0)
     before = adam.second["means"].clone()
     adam.keep(torch.tensor([7, 2]), added=3)
     assert torch.equal(adam.second["means"][:2], before[[7, 2]])
