@@ -29,8 +29,8 @@ from fvs_engine.splat.optimiser import GaussianAdam
 from fvs_engine.splat.raster import Rasterizer, Rendering
 from fvs_engine.splat.render import render_color
 from fvs_engine.splat.settings import Densification, TrainingSettings
-from fvs_engine.splat.step_guard import StepGuard
 from fvs_engine.splat.trainer import Trainer
+from fvs_engine.splat.triton_kernels.guard import StepGuard
 from fvs_engine.splat.views import TrainingView
 
 FILE = Path(__file__).with_name("goldens.safetensors")

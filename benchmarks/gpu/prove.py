@@ -47,8 +47,8 @@ from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.losses import photometric_loss, photometric_loss_torch
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_engine.splat.settings import Densification
-from fvs_engine.splat.step_guard import StepGuard
 from fvs_engine.splat.trainer import Trainer
+from fvs_engine.splat.triton_kernels.guard import StepGuard
 from fvs_engine.splat.views import TrainingView
 
 Found = dict[str, Any]

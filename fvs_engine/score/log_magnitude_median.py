@@ -50,7 +50,9 @@ def median_log_of_spectra(images: Tensor) -> Tensor:
         found = [_middle_powers_of_image(image, ranks) for image in images.detach().numpy()]
         powers = torch.from_numpy(np.stack(found))
     else:
-        powers = _middle_powers(images, ranks)
+        from fvs_engine.splat.triton_kernels.median import middle_powers, planes_of
+
+        powers = middle_powers(torch.fft.rfft2(planes_of(images)), images.shape[2])
     return 0.5 * powers.to(torch.float64).log().mean(dim=-1)
 
 
@@ -147,29 +149,3 @@ def _gather(
                     slots[slot] = line[i]
                     slot += 1
     return slot
-
-
-def _middle_powers(images: Tensor, ranks: tuple[int, int]) -> Tensor:
-    """The same for images [B, H, W, C] on any device, [B, 2], without waiting for it.
-
-    The bits of the answer are found by bisection, all images at once.
-    """
-    half = torch.fft.rfft2(images.movedim(-1, 1).to(torch.float64).clamp(0.0, 1.0))
-    bits = torch.view_as_real(half).square().sum(-1).float().view(torch.int32) & _POSITIVE
-    edges = bits[..., [0, -1]] if images.shape[2] % 2 == 0 else bits[..., :1]
-
-    def count_up_to(limit: Tensor) -> Tensor:
-        limit = limit[:, None, None, None]
-        return 2 * (bits <= limit).sum(dim=(1, 2, 3)) - (edges <= limit).sum(dim=(1, 2, 3))
-
-    low = torch.zeros(len(bits), dtype=torch.int32, device=bits.device)
-    high = torch.full_like(low, _POSITIVE)
-    for _ in range(31):
-        middle = low + (high - low) // 2
-        enough = count_up_to(middle) > ranks[0]
-        low, high = torch.where(enough, low, middle + 1), torch.where(enough, middle, high)
-    above = torch.where(bits > low[:, None, None, None], bits, _POSITIVE).amin(dim=(1, 2, 3))
-    second = torch.where(count_up_to(low) > ranks[1], low, above)
-    powers = torch.stack([low, second], dim=-1).view(torch.float32)
-    finite = bits.amax(dim=(1, 2, 3)) < _INFINITY
-    return powers.where(finite[:, None], torch.nan)

@@ -29,6 +29,3 @@ WIDTH, HEIGHT = 12, 13  # half its width on the row of its centre, half its heig
 SLOPE_X, SLOPE_Y = 14, 15  # its middle moves by SLOPE_X px in x per px in y (that is k), and the other way
 RECORD_SIZE = 16  # one cache line
 GRADIENT_SIZE = 10  # gradients exist up to DEPTH
-
-# Why a step of training on a device changed nothing (``step_guard``).
-HALTED_OVERFLOW, HALTED_NOT_FINITE = 1, 2

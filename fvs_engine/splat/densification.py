@@ -20,7 +20,7 @@ from fvs_engine.splat.optimiser import GaussianAdam
 from fvs_engine.splat.raster.interface import Rendering
 from fvs_engine.splat.raster.reference_projection import rotation_matrices
 from fvs_engine.splat.settings import Densification
-from fvs_engine.splat.step_guard import StepGuard
+from fvs_engine.splat.triton_kernels.guard import StepGuard
 
 SPLIT_CHILDREN = 2
 SPLIT_SHRINK = 0.8 * SPLIT_CHILDREN

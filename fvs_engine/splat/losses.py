@@ -19,7 +19,7 @@ from fvs_engine.splat.loss_kernels import (
     photometric_rows,
     workspace_floats,
 )
-from fvs_engine.splat.step_guard import StepGuard
+from fvs_engine.splat.triton_kernels.guard import StepGuard
 
 SSIM_WEIGHT = 0.2
 _CACHE_LINE_FLOATS = 16
@@ -38,7 +38,7 @@ def photometric_loss(
     if guard is not None:
         from fvs_engine.splat.triton_kernels.photometric import photometric
 
-        return photometric(color, target, ssim_weight, guard.words)
+        return photometric(color, target, ssim_weight, guard=guard.words)
     height, width, _ = color.shape
     gradient = torch.empty_like(color)
     loss = _fused_loss(

@@ -11,7 +11,7 @@ from torch import Tensor
 from fvs_engine.compilation.kernels import kernel, parallel_kernel
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.settings import LearningRates, sh_coefficient_count
-from fvs_engine.splat.step_guard import StepGuard
+from fvs_engine.splat.triton_kernels.guard import StepGuard
 
 BETA_FIRST = 0.9
 BETA_SECOND = 0.999
@@ -87,7 +87,6 @@ class GaussianAdam:
                 columns = min(columns, 3 * (sh_coefficient_count(sh_degree) - 1))
             if gradient is None or columns == 0:
                 continue
-            step_size = rates[name] / correction_first
             tensors = (parameter.detach(), gradient, self.first[name], self.second[name])
             if guard is not None:
                 from fvs_engine.splat.triton_kernels.adam import adam_step
@@ -95,14 +94,16 @@ class GaussianAdam:
                 adam_step(
                     tensors,
                     guard.words,
-                    step_size=step_size,
-                    root_correction=correction_second**-0.5,
+                    step_size=rates[name],
+                    corrections=(correction_first, correction_second),
+                    betas=(BETA_FIRST, BETA_SECOND),
+                    epsilon=EPSILON,
                     radii=radii_px if name in SPARSE else None,
                     columns=columns,
                 )
                 continue
             p, g, m, v = (tensor.reshape(len(gaussians), -1).numpy() for tensor in tensors)
-            rate, root_correction = F32(step_size), F32(correction_second**-0.5)
+            rate, root_correction = F32(rates[name] / correction_first), F32(correction_second**-0.5)
             if name in SPARSE:
                 visible = (radii_px > 0).numpy()
                 adam_rows(p, g, m, v, visible, columns, rate, root_correction)

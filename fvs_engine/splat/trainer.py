@@ -31,8 +31,8 @@ from fvs_engine.splat.losses import photometric_loss
 from fvs_engine.splat.optimiser import GaussianAdam, learning_rates_at
 from fvs_engine.splat.raster.interface import GuardedRasterizer, Rasterizer, Rendering
 from fvs_engine.splat.settings import TrainingSettings
-from fvs_engine.splat.step_guard import PendingReport, StepGuard
 from fvs_engine.splat.torch_threads import torch_threads_for
+from fvs_engine.splat.triton_kernels.guard import PendingReport, StepGuard
 from fvs_engine.splat.view_order import ViewOrder
 from fvs_engine.splat.views import TrainingView, median_depth, scene_extent
 from fvs_schema.stages import Stage

@@ -63,7 +63,7 @@ class GsplatRasterizer:
         degree = gaussians.degree_in_use(sh_degree)
         means = gaussians.means
         view, intrinsics, centre = _on_device(camera, camera_from_model, means)
-        # Given coefficients, gsplat wants all of them in one tensor, a copy, and waits for the inverse of the view.
+        # Given coefficients, gsplat wants a copy of all, and waits for the inverse of the view.
         directions = torch.nn.functional.normalize(means - centre, dim=-1)
         images, alphas, meta = gsplat.rasterization(
             means,
@@ -97,7 +97,7 @@ class GsplatRasterizer:
 def _on_device(
     camera: PinholeCamera, camera_from_model: RigidTransform, like: Tensor
 ) -> tuple[Tensor, Tensor, Tensor]:
-    """camera_from_model [4, 4], intrinsics [3, 3] and the camera's centre [3], of the device and dtype of ``like``.
+    """camera_from_model [4, 4], intrinsics [3, 3] and the camera's centre [3], as ``like``.
 
     In one copy from pinned memory: one from pageable memory would wait for the device.
     """

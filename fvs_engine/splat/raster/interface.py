@@ -9,7 +9,7 @@ from torch import Tensor
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.step_guard import StepGuard
+from fvs_engine.splat.triton_kernels.guard import StepGuard
 from fvs_engine.views import PinholeView
 
 

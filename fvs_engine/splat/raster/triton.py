@@ -21,10 +21,10 @@ from fvs_engine.splat.raster.packed_view import PackedView
 from fvs_engine.views import PinholeView
 
 try:
-    from fvs_engine.splat.step_guard import StepGuard
     from fvs_engine.splat.triton_kernels.binning import Hits, bin_hits
     from fvs_engine.splat.triton_kernels.blending import blend
     from fvs_engine.splat.triton_kernels.blending_backward import blend_backward
+    from fvs_engine.splat.triton_kernels.guard import StepGuard
     from fvs_engine.splat.triton_kernels.projection import Projected, project, project_backward
     from fvs_engine.splat.triton_kernels.squares import squares
     from fvs_engine.splat.triton_kernels.sums import sum_hits

@@ -1,9 +1,14 @@
 """The guard of a training: int32 [2] on the device, set and read by kernels so that the host need not wait.
 
-``guard[REASON]`` is 0, or why the training halted; ``guard[HITS_NEEDED]`` is how many hits the view needed
-that overflowed. While it is set, no kernel changes parameters, moments or statistics: the step that set it
-and those that were queued behind it do nothing, until the host has read the guard, acted, and zeroed it.
+The host launches a step and, while the device computes it, the next one. So it learns of a failure a step too
+late: of an image with more hits than room was made for, or of a loss that is not finite. ``guard[REASON]`` is
+0, or why the training halted; ``guard[HITS_NEEDED]`` is how many hits the view needed that overflowed. While
+it is set, no kernel changes parameters, moments or statistics: the step that set it and those that were queued
+behind it do nothing, until the host has read the guard and either repeats them with more room or reports the
+failure. How much room there was does not influence the result.
 """
+
+from dataclasses import dataclass
 
 import torch
 from torch import Tensor
@@ -16,7 +21,64 @@ HALTED_OVERFLOW = 1
 HALTED_NOT_FINITE = 2
 """The loss was not finite."""
 
+_SPARE = 1.25
+"""Room for this multiple of the hits that were needed."""
+
 
 def new_guard(device: torch.device) -> Tensor:
     """A guard that is not set."""
     return torch.zeros(GUARD_SIZE, dtype=torch.int32, device=device)
+
+
+@dataclass(frozen=True)
+class StepReport:
+    """The outcome of a step: its ``loss`` before it, and why it changed nothing, if so."""
+
+    loss: float
+    overflowed: bool
+    diverged: bool
+    needed: int
+
+
+class StepGuard:
+    """The guard of a training as the host sees it: ``words`` int32 [2] on the device.
+
+    ``capacity``: the hits that there is room for; None before the first image.
+    """
+
+    def __init__(self, device: torch.device) -> None:
+        self.words = new_guard(device)
+        self.capacity: int | None = None
+
+    def make_room(self, needed: int) -> None:
+        """Make room for more than ``needed`` hits, from the next image on."""
+        self.capacity = max(self.capacity or 0, int(_SPARE * needed) + 1)
+
+    def reset(self) -> None:
+        """Let steps change the model again."""
+        self.words.zero_()
+
+    def report(self, loss: Tensor) -> "PendingReport":
+        """The report of the step that was launched last, whose loss [] is on the device."""
+        return PendingReport(torch.cat([loss.detach().view(1).view(torch.int32), self.words]))
+
+
+class PendingReport:
+    """A report on its way from the device: int32 ``words`` [3], the first the bits of the loss."""
+
+    def __init__(self, words: Tensor) -> None:
+        self._arrived = None
+        self._words = words
+        if words.device.type == "cuda":
+            self._words = torch.empty(3, dtype=torch.int32, pin_memory=True)
+            self._words.copy_(words, non_blocking=True)
+            self._arrived = torch.cuda.Event()
+            self._arrived.record()
+
+    def wait(self) -> StepReport:
+        """Wait for the step to end on the device."""
+        if self._arrived is not None:
+            self._arrived.synchronize()
+        reason, needed = self._words[1:].tolist()
+        loss = self._words[:1].view(torch.float32).item()
+        return StepReport(loss, reason == HALTED_OVERFLOW, reason == HALTED_NOT_FINITE, needed)
