@@ -3,9 +3,9 @@
 The host launches a step and, while the device computes it, the next one. So it learns of a failure a step too
 late: of an image with more hits than room was made for, or of a loss that is not finite. ``guard[REASON]`` is
 0, or why the training halted; ``guard[HITS_NEEDED]`` is how many hits the view needed that overflowed. While
-it is set, no kernel changes parameters, moments or statistics: the step that set it and those that were queued
-behind it do nothing, until the host has read the guard and either repeats them with more room or reports the
-failure. How much room there was does not influence the result.
+it is set, no kernel changes parameters, moments or statistics: the step that set it and those queued behind
+it do nothing, until the host has read the guard and either repeats them with more room or reports a failure.
+How much room there was does not influence the result.
 """
 
 from dataclasses import dataclass
