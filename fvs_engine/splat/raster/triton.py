@@ -25,8 +25,9 @@ try:
     from fvs_engine.splat.triton_kernels.blending import blend
     from fvs_engine.splat.triton_kernels.blending_backward import blend_backward
     from fvs_engine.splat.triton_kernels.guard import StepGuard
-    from fvs_engine.splat.triton_kernels.projection import Projected, project, project_backward
-    from fvs_engine.splat.triton_kernels.squares import squares
+    from fvs_engine.splat.triton_kernels.projection import Projected, project
+    from fvs_engine.splat.triton_kernels.projection_backward import project_backward
+    from fvs_engine.splat.triton_kernels.squares import square
     from fvs_engine.splat.triton_kernels.sums import sum_hits
 except ModuleNotFoundError as error:
     raise BackendUnavailableError(
@@ -100,10 +101,10 @@ class TritonRasterizer:
         cameras = _Cameras.of([(camera, camera_from_model)], degree, self.device)
         forward = _forward(gaussians, cameras, None, depth=False)
         color, alpha, _ = forward.images
-        found = squares(
+        means, log_scales, opacity_logits, sh_dc, sh_rest = square(
             gaussians, cameras.packed, cameras.size, degree, forward.projected, forward.hits, color
         )
-        return SquaredJacobian(*found, alpha[0])
+        return SquaredJacobian(means, log_scales, opacity_logits, sh_dc, sh_rest, alpha[0])
 
     def _render(
         self,
@@ -124,7 +125,7 @@ class TritonRasterizer:
         color, alpha, depth, radii = _Rasterize.apply(  # type: ignore[no-untyped-call]
             gaussians, cameras, guard, screen_means, *tensors.values()
         )
-        return Rendering(color[0], alpha[0], depth[0], radii, screen_means)
+        return Rendering(color, alpha, depth, radii, screen_means)
 
 
 def _device() -> torch.device:
@@ -176,12 +177,12 @@ class _Forward:
 def _forward(gaussians: Gaussians, cameras: _Cameras, guard: StepGuard | None, *, depth: bool) -> _Forward:
     """Render; the number of hits is waited for unless the ``guard`` knows how much room there is."""
     projected = project(gaussians, cameras.packed, cameras.size, cameras.degree)
-    if guard is None:
-        hits = bin_hits(projected, cameras.size, int(projected.counts.sum(dtype=torch.int64)))
-    else:
-        if guard.capacity is None:
-            guard.make_room(int(projected.counts.sum(dtype=torch.int64)))
+    if guard is not None and guard.capacity is not None:
         hits = bin_hits(projected, cameras.size, guard.capacity, guard.words)
+    else:
+        hits = bin_hits(projected, cameras.size)
+        if guard is not None:
+            guard.make_room(hits.capacity)
     return _Forward(projected, hits, blend(projected, hits, cameras.size, depth=depth))
 
 
@@ -206,9 +207,11 @@ class _Rasterize(torch.autograd.Function):
     @staticmethod
     def backward(ctx: Any, *image_gradients: Tensor | None) -> tuple[Tensor | None, ...]:
         forward, cameras, gaussians = ctx.forward, ctx.cameras, ctx.gaussians
-        batched = [None if g is None else g.contiguous()[None] for g in image_gradients[:3]]
-        rows = blend_backward(forward.projected, forward.hits, forward.images, batched)
-        gradients = sum_hits(rows, forward.hits, 1, len(gaussians))
+        g_color, g_alpha, g_depth = (None if g is None else g.contiguous()[None] for g in image_gradients[:3])
+        if g_color is None:
+            g_color = torch.zeros_like(forward.images[0])
+        rows = blend_backward(forward.projected, forward.hits, forward.images, (g_color, g_alpha, g_depth))
+        gradients = sum_hits(rows, forward.hits)
         outputs = project_backward(
             gaussians, cameras.packed, cameras.size, cameras.degree, forward.projected, gradients
         )
