@@ -9,12 +9,10 @@ densification.
 """
 
 import argparse
-import importlib.util
 import io
 import json
 import sys
 from pathlib import Path
-from types import ModuleType
 
 import numpy as np
 import torch
@@ -22,6 +20,7 @@ from PIL import Image
 from safetensors.torch import save_file
 from torch import Tensor
 
+sys.path.insert(0, str(Path(__file__).parents[2] / "tests" / "fixtures"))
 sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from proof import (
@@ -35,6 +34,7 @@ from proof import (
     moved_by_adam,
     trained,
 )
+from raster_scenes import SCENES, build_scene
 from scenes import Scene, load_scene
 
 from fvs_engine.splat.raster import create_rasterizer
@@ -50,9 +50,8 @@ def main() -> None:
     arguments = parser.parse_args()
     tensors: dict[str, Tensor] = {}
     facts: dict[str, object] = {}
-    hard = _hard_scenes()
-    for name in hard.SCENES:
-        scene = hard._build(name)
+    for name in SCENES:
+        scene = build_scene(name)
         facts["hard"] = described(scene.camera, scene.camera_from_model)
         rendering, gradients = gradients_of(ReferenceRasterizer(), scene.copy(torch.float64), scene)
         parts = scene.gaussians.tensors() | {f"gradient.{key}": value for key, value in gradients.items()}
@@ -71,18 +70,6 @@ def main() -> None:
     facts["psnr_db"] = trained(cpu, Goldens.read()).psnr_db
     save_file(tensors, FILE, {"facts": json.dumps(facts)})
     print(f"{FILE}: {FILE.stat().st_size / 1e6:.1f} MB, {facts['psnr_db']:.2f} dB")
-
-
-def _hard_scenes() -> ModuleType:
-    """The scenes of the tests of rasterisers."""
-    path = Path(__file__).parents[2] / "tests/fvs_engine/splat/raster/conftest.py"
-    spec = importlib.util.spec_from_file_location("hard_scenes", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module = importlib.util.module_from_spec(spec)
-    sys.modules[spec.name] = module
-    spec.loader.exec_module(module)
-    return module
 
 
 def _photographs(scene: Scene, facts: dict[str, object]) -> dict[str, Tensor]:

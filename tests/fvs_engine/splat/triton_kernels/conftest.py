@@ -8,7 +8,7 @@ from raster_scenes import SCENES, Scene, build_scene
 from torch import Tensor
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
-from fvs_engine.splat.raster.cpu import PackedView
+from fvs_engine.splat.raster.packed_view import PackedView
 
 
 @pytest.fixture(scope="session")
