@@ -1,5 +1,8 @@
 """The triton backend in rendering and training; without a device its kernels run in Triton's interpreter."""
 
+from collections.abc import Iterator
+from unittest.mock import patch
+
 import numpy as np
 import pytest
 import torch
@@ -13,6 +16,7 @@ from fvs_engine.splat.raster import BatchRasterizer, Rasterizer, SquaringRasteri
 from fvs_engine.splat.raster.triton import TritonRasterizer
 from fvs_engine.splat.settings import Densification, TrainingSettings
 from fvs_engine.splat.trainer import Trainer
+from fvs_engine.splat.triton_kernels import photometric
 from fvs_engine.splat.views import TrainingView
 
 CAMERA = PinholeCamera(18, 7, 22.0, 21.0, 9.5, 3.0)  # two tiles
@@ -22,6 +26,13 @@ SETTINGS = TrainingSettings(
     sh_degree_interval=2,
     densification=Densification(first_iteration=1, last_iteration=3, interval=2, gradient_threshold=1e-7),
 )
+
+
+@pytest.fixture(scope="module", autouse=True)
+def low_images() -> Iterator[None]:
+    """The loss takes few rows at once: in the interpreter it computes them all."""
+    with patch.object(photometric, "_ROWS", 8):
+        yield
 
 
 @pytest.fixture(scope="module")

@@ -63,8 +63,7 @@ def test_faint_detail_is_seen_as_well_as_on_the_cpu(level: float, device: torch.
     color = (target / 255 + 1e-3 * noise).float()
     _, gradient = photometric(color.to(device), target.to(device), 1.0)
     _, expected = exact(color, target, 1.0)
-    leaf = color.clone().requires_grad_()
-    (numba_gradient,) = torch.autograd.grad(photometric_loss(leaf, target, 1.0), leaf)
+    _, numba_gradient = photometric_loss(color, target, 1.0)
     assert error(gradient.cpu(), expected) < 1.5 * error(numba_gradient, expected)
 
 
