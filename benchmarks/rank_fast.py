@@ -27,8 +27,8 @@ from fvs_engine.geometry import RigidTransform, look_at
 from fvs_engine.pipeline.model import open_model
 from fvs_engine.score import MedianFrequency, MedianFrequencyEstimate, MedianFrequencyFast, Scorer, rank
 from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.on_device import on_device
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
-from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.views import PinholeView
 
 NEIGHBOURS = 3
@@ -99,7 +99,7 @@ def row(
 
     for scorer in (MedianFrequency(), MedianFrequencyEstimate()):
         scorer.score(gaussians, views[:2], rasterizer)  # compiled, and read into memory
-    with torch_threads_for(rasterizer.device):
+    with on_device(rasterizer.device):
         exact, exact_s = timed(MedianFrequency())
         estimates, estimate_s = timed(MedianFrequencyEstimate())
         fast, fast_s = timed(MedianFrequencyFast(first=first))

@@ -26,8 +26,8 @@ from room import candidates, scene
 
 from fvs_engine.score import MedianFrequency, median_log_magnitude
 from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.on_device import on_device
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
-from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.views import PinholeView
 
 SIZES = ((480, 270), (960, 540), (1920, 1080))
@@ -191,7 +191,7 @@ def main() -> None:
         report(f"{name}: {part}", rows, path)
 
     few = min(options.gaussians, FEW_GAUSSIANS)
-    with torch_threads_for(rasterizer.device):
+    with on_device(rasterizer.device):
         show("share", shares(sorted({few, options.gaussians}), rasterizer, 2 * options.repeat + 1, clock))
         gaussians = scene(options.gaussians).to(rasterizer.device)
         show("rate", rates(gaussians, rasterizer, options.counts, options.repeat, clock))

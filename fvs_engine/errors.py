@@ -118,3 +118,9 @@ class BackendUnavailableError(EngineError):
     """The requested rasteriser cannot run on this machine."""
 
     code = "backend-unavailable"
+
+
+class DeviceMemoryError(EngineError):
+    """A GPU has no memory left for what is to be trained or rendered."""
+
+    code = "device-memory"

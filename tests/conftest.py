@@ -69,7 +69,7 @@ _PROCESS_FILES = (
     "fvs_service/serving/test_serve.py",
     "fvs_service/serving/test_stop_signals.py",
     "fvs_service/test_tracing.py",
-    "fvs_service/host/test_gpu_slots.py",
+    "fvs_service/host/test_gpu_memory.py",
     "fvs_service/host/test_lease_watch.py",
     "fvs_service/host/test_async_connection.py",
     "fvs_service/host/test_listener.py",

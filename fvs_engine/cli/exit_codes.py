@@ -19,6 +19,7 @@ EXIT_CODES = {
     "backend-unavailable": 11,
     "process-died": 12,
     "no-process": 14,  # 13 is that of fvs doctor
+    "device-memory": 15,
     "cancelled": INTERRUPTED,
 }
 """``EngineError.code`` → exit status. Statuses are never reassigned; new codes get new ones."""

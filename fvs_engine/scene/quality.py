@@ -10,8 +10,8 @@ from numpy.typing import NDArray
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.splat.metrics import psnr, ssim
+from fvs_engine.splat.on_device import on_device
 from fvs_engine.splat.raster import Rasterizer
-from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.views import TrainingView
 from fvs_schema.stages import Stage
 
@@ -79,7 +79,7 @@ def comparisons(
     model: SceneModel, views: Sequence[TrainingView], rasterizer: Rasterizer, monitor: Monitor
 ) -> Iterator[Comparison]:
     """Renders of ``views`` with their photographs, except where no pixel counts. Stage ``evaluate``."""
-    with torch_threads_for(rasterizer.device):
+    with on_device(rasterizer.device):
         for done, view in enumerate(views, start=1):
             monitor.check()
             if not view.empty:

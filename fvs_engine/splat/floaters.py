@@ -15,9 +15,9 @@ from fvs_engine.images.masks import Mask, reduced_mask
 from fvs_engine.images.pixels import reduced_size
 from fvs_engine.monitor import Monitor
 from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.on_device import on_device
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.spherical_harmonics import SH_C0
-from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.views import PinholeView, View
 from fvs_schema.findings import Finding, FindingCode, Severity
 from fvs_schema.stages import Stage
@@ -70,7 +70,7 @@ def find_floaters(
     means = gaussians.means.detach()
     largest = torch.zeros(len(gaussians), device=means.device)
     total = torch.zeros_like(largest)
-    with torch_threads_for(rasterizer.device):
+    with on_device(rasterizer.device):
         for done, view in enumerate(views, start=1):
             monitor.check()
             size = reduced_size(view.camera.width, view.camera.height, LONG_SIDE_PX)

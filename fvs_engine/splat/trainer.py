@@ -28,10 +28,10 @@ from fvs_engine.splat.densification import (
 )
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.losses import photometric_loss
+from fvs_engine.splat.on_device import on_device
 from fvs_engine.splat.optimiser import GaussianAdam, learning_rates_at
 from fvs_engine.splat.raster.interface import GuardedRasterizer, Rasterizer, Rendering
 from fvs_engine.splat.settings import TrainingSettings
-from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.triton_kernels.guard import PendingReport, StepGuard
 from fvs_engine.splat.view_order import ViewOrder
 from fvs_engine.splat.views import TrainingView, median_depth, scene_extent
@@ -186,7 +186,7 @@ class Trainer:
         smooth_loss = smooth_s = None
         work = self.settings.work_until(until_iteration)
         threads = FasterThreads()
-        with torch_threads_for(self.rasterizer.device):
+        with on_device(self.rasterizer.device):
             try:
                 while self.iteration < until_iteration:
                     monitor.check()

@@ -5,7 +5,13 @@ import sys
 import tempfile
 from pathlib import Path
 
-from fvs_engine.errors import BackendUnavailableError, Cancelled, EngineError, InvalidInputError
+from fvs_engine.errors import (
+    BackendUnavailableError,
+    Cancelled,
+    DeviceMemoryError,
+    EngineError,
+    InvalidInputError,
+)
 from fvs_service.errors import (
     InternalError,
     InvalidRequestError,
@@ -18,6 +24,7 @@ _OF_ENGINE: tuple[tuple[type[EngineError], type[ServiceError]], ...] = (
     (InvalidInputError, InvalidRequestError),
     (Cancelled, UnavailableError),
     (BackendUnavailableError, UnavailableError),
+    (DeviceMemoryError, UnavailableError),
 )
 
 

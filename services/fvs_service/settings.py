@@ -16,8 +16,8 @@ from fvs_schema.service import Limits
 from fvs_service.environment import PREFIX, FilesOfEnvironment, UnknownOfEnvironment
 from fvs_service.host_names import host_of, is_loopback, name_or_network, web_origin
 
-GPU_SLOTS = "fvs-gpu-slots"
-"""The private folder of the GPU slots, which the runners of a machine's user share."""
+GPU_MEMORY = "fvs-gpu-memory"
+"""The private folder of reservations of GPU memory, which the runners of a machine's user share."""
 MEGABYTE = 1_000_000
 GIGABYTE = 1_000 * MEGABYTE
 
@@ -70,9 +70,6 @@ class WorkerSettings(Record):
     """Kind of work that the workers do: structure from motion (``sfm``), ``training``, or ``all``."""
     jobs_at_once: _Processes = 1
     """Maximum number of jobs that one worker runs at once."""
-    trainings_per_gpu: _Processes = 1
-    """Maximum number of jobs that train on one GPU at once, of all workers that share it. Others register
-    images meanwhile, or wait."""
     turn_s: _Seconds = 30.0
     """After this time a job makes room for a waiting job that is preferred."""
     memory_bytes: _Bytes | None = None

@@ -41,7 +41,7 @@ def test_the_references_are_generated(site: Path) -> None:
     assert "--iterations" in fvs
     assert "fvs-client jobs wait" in (site / "reference" / "fvs-client.html").read_text(encoding="utf-8")
     settings = (site / "reference" / "settings.html").read_text(encoding="utf-8")
-    assert "FVS_WORKER__TRAININGS_PER_GPU" in settings
+    assert "FVS_WORKER__JOBS_AT_ONCE" in settings
     assert "fvs_client.Client" in (site / "reference" / "client.html").read_text(encoding="utf-8")
     assert "fvs_engine.pipeline.rank" in (site / "reference" / "engine" / "pipeline.html").read_text(
         encoding="utf-8"

@@ -12,7 +12,7 @@ from fvs_engine.monitor import Monitor
 from fvs_engine.score import CandidateScore
 from fvs_engine.select.candidate_views import align
 from fvs_engine.select.loop import SelectionLoop
-from fvs_engine.splat.torch_threads import torch_threads_for
+from fvs_engine.splat.on_device import on_device
 from fvs_schema.candidates import CandidateStatus
 from fvs_schema.stages import Stage
 
@@ -31,7 +31,7 @@ def calibrate(loop: SelectionLoop, methods: Sequence[str], monitor: Monitor) -> 
     names, scene = loop.unvisited, loop.scene
     in_reach = frozenset(loop.in_reach)
     psnr_db, found = {}, []
-    with torch_threads_for(scene.rasterizer.device):
+    with on_device(scene.rasterizer.device):
         for view in aligned_views(loop, names):
             monitor.check()
             psnr_db[view.name] = psnr_at(loop.model, view, scene.rasterizer)

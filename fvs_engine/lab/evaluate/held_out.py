@@ -12,8 +12,8 @@ from fvs_engine.scene.quality import Comparison
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.select.candidate_views import align
 from fvs_engine.select.loop import SelectionLoop
+from fvs_engine.splat.on_device import on_device
 from fvs_engine.splat.raster import Rasterizer
-from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.splat.views import TrainingView
 from fvs_schema.stages import Stage
 
@@ -44,7 +44,7 @@ def evaluate(
     missing = tuple(name for name in loop.held_out_names if name not in localised)
     views = [*localised.values(), *aligned_views(loop, missing)]
     qualities = []
-    with torch_threads_for(scene.rasterizer.device):
+    with on_device(scene.rasterizer.device):
         for done, view in enumerate(views, start=1):
             monitor.check()
             qualities.append(_quality(model, view, scene.rasterizer, lpips))

@@ -18,8 +18,8 @@ from fvs_engine.plan.reach import Reach
 from fvs_engine.plan.targets import Targets
 from fvs_engine.score import CandidateScore, rank
 from fvs_engine.splat.gaussians import Gaussians
+from fvs_engine.splat.on_device import on_device
 from fvs_engine.splat.raster import Rasterizer
-from fvs_engine.splat.torch_threads import torch_threads_for
 from fvs_engine.views import PinholeView
 from fvs_schema.candidates import CandidateStatus
 
@@ -140,7 +140,7 @@ def select(
         raise InvalidInputError(
             "There is no candidate to choose from.", hint="Widen the radius, or choose among more neighbours."
         )
-    with torch_threads_for(context.rasterizer.device):  # half of the processor time or less
+    with on_device(context.rasterizer.device):  # half of the processor time or less
         ranked = rank(selector.score(context, monitor), distances)
     chosen, fallback = _first(context, ranked)
     return Selection(chosen, ranked, fallback)

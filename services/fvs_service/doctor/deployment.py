@@ -13,7 +13,7 @@ from fvs_service.errors import ForbiddenError, StorageUnavailableError
 from fvs_service.gateway.protection import access_of
 from fvs_service.jobs.fleet import workers_of
 from fvs_service.logs import reason_of
-from fvs_service.settings import GPU_SLOTS, Settings
+from fvs_service.settings import GPU_MEMORY, Settings
 from fvs_service.storage.blob_keys import image_key
 from fvs_service.storage.blobs import Blobs, free_bytes
 from fvs_service.storage.clock import now_ms
@@ -129,7 +129,7 @@ def _of_access(storage: Storage) -> Iterator[Trouble]:
 def _of_this_machine(settings: Settings) -> Iterator[Trouble]:
     if settings.worker.backend != "cpu":
         try:
-            private_folder(GPU_SLOTS)
+            private_folder(GPU_MEMORY)
         except StorageError as error:
             yield Trouble(error.message, f"Jobs cannot train on a GPU of this machine. {error.hint}")
     if not settings.root.is_dir():  # the database and the blobs are elsewhere

@@ -252,15 +252,15 @@ def test_a_store_of_another_database_is_neither_served_nor_repaired(
         claim_store(storage.database, storage.blobs)
 
 
-def test_the_doctor_names_a_folder_of_gpu_slots_that_another_user_has_made(
+def test_the_doctor_names_a_folder_of_gpu_memory_that_another_user_has_made(
     open_gateway: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     storage = open_gateway().application.storage
     Heartbeats(storage.database, "worker-0", 20).beat()
-    (tmp_path / "fvs-gpu-slots").symlink_to(tmp_path)
+    (tmp_path / "fvs-gpu-memory").symlink_to(tmp_path)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     (trouble,) = troubles(storage)
-    assert "fvs-gpu-slots is not a folder of this user" in trouble.what
+    assert "fvs-gpu-memory is not a folder of this user" in trouble.what
     assert "XDG_RUNTIME_DIR" in trouble.hint
 
 

@@ -139,7 +139,7 @@ def test_a_job_names_the_images_that_the_engine_rejects(
     Image.new("L", (32, 900)).save(out, "JPEG")
     blobs.put(out.getvalue(), blob_key("scn", bad.digest))
     nothing = SimpleNamespace()
-    jobs = SceneJobs(tmp_path / "scene", blobs, WorkerSettings(), cast(Any, None), cast(Any, nothing))
+    jobs = SceneJobs(tmp_path / "scene", blobs, WorkerSettings(), *[cast(Any, nothing)] * 3)
     request = RunJob(
         job_id="job",
         request=JobRequest(kind=kind),

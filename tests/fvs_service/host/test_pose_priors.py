@@ -130,7 +130,7 @@ def test_an_update_passes_all_priors_on(tmp_path: Path, monkeypatch: pytest.Monk
     monkeypatch.setattr(scene_jobs, "Scene", SimpleNamespace(open=open_scene))
     monkeypatch.setattr(scene_jobs, "prepare_images", prepare)
     states: Any = SimpleNamespace()
-    jobs = scene_jobs.SceneJobs(tmp_path, Blobs(tmp_path / "blobs"), WorkerSettings(), states, states)
+    jobs = scene_jobs.SceneJobs(tmp_path, Blobs(tmp_path / "blobs"), WorkerSettings(), states, states, states)
     request = RunJob(
         job_id="job",
         request=JobRequest(kind=JobKind.UPDATE),

@@ -1,6 +1,5 @@
 """Workers that do one kind of work: an update goes from one that registers images to one that trains."""
 
-import contextlib
 import socket
 import threading
 from contextlib import closing, suppress
@@ -9,9 +8,11 @@ from types import SimpleNamespace
 from typing import Any, cast
 
 import pytest
+import torch
 from fvs_service.host.protocol.connection import Connection, RunnerGoneError
 from fvs_service.host.protocol.messages import JobFinished, RunJob, StageProgress, Warned
 from fvs_service.host.runner import scene_jobs
+from fvs_service.host.runner.gpu_memory import GpuMemory
 from fvs_service.host.runner.image_files import PreparedImages
 from fvs_service.host.runner.job_monitor import JobMonitor
 from fvs_service.host.runner.request_queue import RequestQueue
@@ -23,6 +24,7 @@ from granted_scenes import GrantedScenes
 
 from fvs_engine.errors import Cancelled, DamagedOutputError, OtherSettingsError
 from fvs_engine.monitor import Monitor
+from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.wording import sentence
 from fvs_schema.findings import Finding, FindingCode
 from fvs_schema.jobs import JobKind, JobRequest
@@ -97,6 +99,7 @@ class Scene:
     visited: tuple[str, ...] = ()
     quarantined: dict[str, Finding] = {}  # noqa: RUF012
     views: tuple[Any, ...] = ()
+    settings = SceneSettings()
 
     def __init__(self) -> None:
         self.calls: list[str] = []
@@ -131,6 +134,7 @@ def _jobs(folder: Path) -> SceneJobs:
         WorkerSettings(),
         cast(Any, SimpleNamespace(device=SimpleNamespace(type="cpu"))),
         cast(Any, SimpleNamespace()),
+        GpuMemory(torch.device("cpu")),
     )
 
 
@@ -225,7 +229,6 @@ def test_a_new_scene_of_many_images_gets_a_model_of_its_first_ones(
     monkeypatch.setattr(scene_jobs, "prepare_images", lambda *_: PreparedImages(images, {}))
     monkeypatch.setattr(scene_jobs, "pose_priors", lambda *_: {})
     monkeypatch.setattr(scene_jobs, "discard_images", lambda *_: None)
-    monkeypatch.setattr(scene_jobs, "gpu_slot", lambda *_: contextlib.nullcontext())
     monkeypatch.setattr(SceneJobs, "_open_scene", lambda *_: scene)
     monkeypatch.setattr(SceneJobs, "_outcome_of_update", lambda *given, **_: given)
     published: list[tuple[str, int]] = []

@@ -31,6 +31,7 @@ from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.scene.settings import SceneSettings
 from fvs_engine.sfm.growing.state import GrowthFolder
 from fvs_engine.sfm.reconstruction import PointCloud
+from fvs_engine.splat.device_memory import training_bytes
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.splat.settings import PRESETS
 from fvs_engine.splat.views import TrainingView
@@ -42,7 +43,7 @@ from fvs_schema.stages import Stage
 from fvs_service.host.protocol.messages import POINTS, ControlOutcome, JobOutcome, RunJob
 from fvs_service.host.runner.artifacts import write_artifacts
 from fvs_service.host.runner.control_points import StoredImages, control_outcome
-from fvs_service.host.runner.gpu_slots import gpu_slot
+from fvs_service.host.runner.gpu_memory import GpuMemory
 from fvs_service.host.runner.image_files import discard_images, prepare_images
 from fvs_service.host.runner.job_monitor import FirstModelMonitor, JobMonitor
 from fvs_service.host.runner.pose_priors import pose_priors
@@ -76,12 +77,14 @@ class SceneJobs:
         settings: WorkerSettings,
         rasterizer: Rasterizer,
         models: SnapshotModels,
+        memory: GpuMemory,
     ) -> None:
         self._folder = SceneFolder(folder)
         self._blobs = blobs
         self._settings = settings
         self._rasterizer = rasterizer
         self._models = models
+        self._memory = memory
         self._scene: Scene | None = None
 
     def run(
@@ -147,7 +150,7 @@ class SceneJobs:
             return None
         measured = {"new_images_psnr_db": previous_db}
         outcome = partial(self._outcome_of_update, request, scene, images, monitor, measured=measured)
-        with self._gpu_slot(monitor):
+        with self._memory_to_train(scene, monitor):
             if not scene.is_trained("full"):
                 quick = scene.train("quick", monitor)
                 monitor.report(Stage.QUICK_SNAPSHOT, 0, 1)
@@ -183,7 +186,7 @@ class SceneJobs:
             for finding in update.warnings:
                 numbers = finding.numbers | {"first_images": len(first)}
                 monitor.warn(finding.model_copy(update={"numbers": numbers}))
-            with self._gpu_slot(stage):
+            with self._memory_to_train(scene, stage):
                 model = scene.train("quick", stage)
         except (ReconstructionError, TrainingError):
             return  # with the others they may support a model
@@ -226,7 +229,8 @@ class SceneJobs:
         seen = {view.name for view in before.views}
         new = [view for view in scene.views if images[view.name].digest not in seen]
         views = evenly_spaced(new, _MOST_EVALUATED)
-        return mean_psnr_db(before, views, self._rasterizer, monitor)
+        with self._memory.for_renders(before.gaussians, views, self._rasterizer, monitor) as rasterizer:
+            return mean_psnr_db(before, views, rasterizer, monitor)
 
     def _images(self, request: RunJob, monitor: Monitor, quarantine: Quarantine) -> Mapping[str, Image]:
         """The images by the names of their files, without those that the engine rejects."""
@@ -267,9 +271,9 @@ class SceneJobs:
             monitor.warn(Finding.of(FindingCode.NONE_HELD_OUT, views=len(views)))
         training = PRESETS["fine"].model_copy(update={"max_gaussians": settings.fine_max_gaussians})
         training = training.with_iterations(wanted.iterations or settings.fine_iterations)
-        with self._gpu_slot(monitor):
+        with self._memory.for_training(training_bytes(training, views), monitor):
             model = final.train(trained, cameras.points, training, self._rasterizer, monitor)
-        quality = measure(model, held_out, self._rasterizer, monitor)
+            quality = measure(model, held_out, self._rasterizer, monitor)
         measured = {} if quality is None else asdict(quality)
         # Images that arrived after the model's update are neither registered nor unregistered yet.
         posed = {view.name for view in views}
@@ -294,8 +298,9 @@ class SceneJobs:
         stored = StoredImages(images, self._folder.images, self._blobs)
         return control_outcome(request.control, request.origin, stored, model, monitor)
 
-    def _gpu_slot(self, monitor: Monitor) -> AbstractContextManager[None]:
-        return gpu_slot(self._rasterizer.device, self._settings.trainings_per_gpu, monitor)
+    def _memory_to_train(self, scene: Scene, monitor: Monitor) -> AbstractContextManager[None]:
+        need_bytes = training_bytes(scene.settings.training, scene.views)
+        return self._memory.for_training(need_bytes, monitor)
 
     def _fine_folder(self, job_id: str) -> Path:
         """The folder of the job; those of earlier jobs are deleted."""

@@ -14,7 +14,9 @@ from fvs_engine.candidates import CandidateScore
 from fvs_engine.errors import Cancelled, EngineError
 from fvs_engine.monitor import Monitor
 from fvs_engine.scene.scene_model import SceneModel
-from fvs_engine.splat.raster import create_rasterizer
+from fvs_engine.splat.on_device import on_device
+from fvs_engine.splat.raster import Rasterizer, create_rasterizer
+from fvs_engine.views import PinholeView
 from fvs_schema.jobs import JobKind
 from fvs_service.engine_errors import for_clients
 from fvs_service.errors import ConflictError, ServiceError
@@ -36,6 +38,7 @@ from fvs_service.host.protocol.messages import (
     YieldScene,
     failure_of,
 )
+from fvs_service.host.runner.gpu_memory import GpuMemory
 from fvs_service.host.runner.job_monitor import JobMonitor
 from fvs_service.host.runner.listener import Listener
 from fvs_service.host.runner.planning import generate_views, plan_views
@@ -71,7 +74,8 @@ class RunnerServer:
         blobs = Blobs(settings.root.absolute() / "blobs", settings.blobs)
         self._rasterizer = create_rasterizer(settings.worker.backend)
         self._models = SnapshotModels(scene_id, blobs, self._rasterizer)
-        self._jobs = SceneJobs(folder, blobs, settings.worker, self._rasterizer, self._models)
+        self._memory = GpuMemory(self._rasterizer.device)
+        self._jobs = SceneJobs(folder, blobs, settings.worker, self._rasterizer, self._models, self._memory)
         limits = settings.limits
         self._videos = VideoFrames(folder, blobs, limits.video_s)
         self._requests = RequestQueue(limits.rankings_queued_per_scene, limits.rankings_queued_per_key)
@@ -133,7 +137,7 @@ class RunnerServer:
                     request,
                     request.method,
                     len(request.views),
-                    lambda model, monitor: rank_views(request, model, self._rasterizer, monitor),
+                    self._with_memory(request.views, partial(rank_views, request)),
                     send,
                 )
                 return ranked.model_copy(update={"waited_s": waited_s})
@@ -143,7 +147,10 @@ class RunnerServer:
                     request,
                     request.kind,
                     1,
-                    lambda model, _monitor: render_view(request, model, self._rasterizer),
+                    self._with_memory(
+                        (request.view,),
+                        lambda model, rasterizer, _monitor: render_view(request, model, rasterizer),
+                    ),
                 )
                 return base64.b64encode(png).decode()
             case GenerateViews():
@@ -182,6 +189,19 @@ class RunnerServer:
                 idle_s = 0.0 if busy else time.monotonic() - self._used
                 return RunnerStatus(idle_s=idle_s, queue=queue)
 
+    def _with_memory(
+        self,
+        views: Sequence[PinholeView],
+        render: Callable[[SceneModel, Rasterizer, Monitor], T],
+    ) -> Callable[[SceneModel, Monitor], T]:
+        """Call ``render`` once there is memory for the ``views``."""
+
+        def compute(model: SceneModel, monitor: Monitor) -> T:
+            with self._memory.for_renders(model.gaussians, views, self._rasterizer, monitor) as rasterizer:
+                return render(model, rasterizer, monitor)
+
+        return compute
+
     def _ask(
         self,
         connection: Connection,
@@ -194,7 +214,8 @@ class RunnerServer:
         """Compute a request in its turn; returns the answer and the seconds that it waited."""
 
         def with_model(monitor: Monitor) -> T:
-            model = self._models.of_snapshot(request.snapshot_id)
+            with on_device(self._rasterizer.device):
+                model = self._models.of_snapshot(request.snapshot_id)
             monitor.check()
             return compute(model, monitor)
 
