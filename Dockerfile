@@ -17,42 +17,42 @@ COPY services services
 COPY clients/python clients/python
 RUN /opt/fvs/bin/pip install --no-cache-dir --constraint constraints.txt ./clients/python ".[otel]"
 
-# gsplat's kernels must be compiled by the CUDA version that torch in constraints.txt was built with: 13.0.
-FROM nvidia/cuda:13.0.1-devel-ubuntu24.04 AS build-cuda
+FROM python:3.11-slim-bookworm AS build-cuda
 # hadolint ignore=DL3008
-RUN apt-get update && apt-get install --no-install-recommends --yes python3 python3-venv python3-dev \
+RUN apt-get update && apt-get install --no-install-recommends --yes binutils g++ \
     && rm -rf /var/lib/apt/lists/*
 WORKDIR /source
-RUN python3 -m venv /opt/fvs
-COPY constraints.txt pyproject.toml README.md LICENSE ./
+RUN python -m venv /opt/fvs
+COPY constraints.txt ./
+RUN /opt/fvs/bin/pip install --no-cache-dir --constraint constraints.txt ninja numpy setuptools torch wheel
+# gsplat's kernels are compiled here, by the CUDA version of that torch, which has its libraries. The compiler goes.
+ENV CUDA_HOME=/opt/fvs/lib/python3.11/site-packages/nvidia/cu13
+ARG CUDA=13.0
+# CPU processes that compile at once; each may take 4 GB of memory.
+ARG MAX_JOBS=4
+RUN /opt/fvs/bin/pip install --no-cache-dir "nvidia-cuda-cccl==$CUDA.*" "nvidia-cuda-crt==$CUDA.*" \
+        "nvidia-cuda-nvcc==$CUDA.*" "nvidia-nvvm==$CUDA.*" \
+    && ln -s libcudart.so.13 "$CUDA_HOME/lib/libcudart.so" \
+    && PATH="/opt/fvs/bin:$PATH" TORCH_CUDA_ARCH_LIST="8.0;8.6;8.9;9.0;10.0;12.0+PTX" \
+        /opt/fvs/bin/pip install --no-cache-dir --no-build-isolation --no-deps --no-binary gsplat \
+        --constraint constraints.txt gsplat \
+    && rm "$CUDA_HOME/lib/libcudart.so" \
+    && /opt/fvs/bin/pip uninstall --yes nvidia-cuda-cccl nvidia-cuda-crt nvidia-cuda-nvcc nvidia-nvvm
+COPY pyproject.toml README.md LICENSE ./
 COPY fvs_engine fvs_engine
 COPY services services
 COPY clients/python clients/python
-# gsplat compiles its kernels at their first use, so the compiler stays in the image.
-RUN /opt/fvs/bin/pip install --no-cache-dir --constraint constraints.txt ./clients/python ".[cuda,otel]"
+# Triton comes with symbols for debuggers, a quarter of a GB, and with static libraries.
+RUN /opt/fvs/bin/pip install --no-cache-dir --constraint constraints.txt ./clients/python ".[cuda,otel]" \
+    && strip --strip-debug /opt/fvs/lib/python3.11/site-packages/triton/_C/libtriton.so \
+    && find /opt/fvs -name '*.a' -delete
 
-FROM build-cuda AS cuda
+FROM python:3.11-slim-bookworm AS service
 # hadolint ignore=DL3008
-RUN apt-get update && apt-get install --no-install-recommends --yes libgomp1 libgl1 libglib2.0-0 \
+RUN apt-get update && apt-get install --no-install-recommends --yes libgomp1 \
     && rm -rf /var/lib/apt/lists/* \
     && useradd --uid 10001 --no-create-home --home-dir /var/lib/fvs fvs \
     && install --directory --owner=fvs --group=fvs /var/lib/fvs
-ENV PATH=/opt/fvs/bin:$PATH HOME=/var/lib/fvs FVS_ROOT=/var/lib/fvs NUMBA_CACHE_DIR=/var/lib/fvs/cache \
-    TORCH_EXTENSIONS_DIR=/var/lib/fvs/cache MPLCONFIGDIR=/tmp
-WORKDIR /var/lib/fvs
-VOLUME /var/lib/fvs
-USER 10001
-EXPOSE 8000 8001
-ENTRYPOINT ["fvs"]
-CMD ["serve", "--log-json"]
-
-FROM python:3.11-slim-bookworm AS cpu
-# hadolint ignore=DL3008
-RUN apt-get update && apt-get install --no-install-recommends --yes libgomp1 libgl1 libglib2.0-0 \
-    && rm -rf /var/lib/apt/lists/* \
-    && useradd --uid 10001 --no-create-home --home-dir /var/lib/fvs fvs \
-    && install --directory --owner=fvs --group=fvs /var/lib/fvs
-COPY --from=build-cpu /opt/fvs /opt/fvs
 ENV PATH=/opt/fvs/bin:$PATH HOME=/var/lib/fvs FVS_ROOT=/var/lib/fvs NUMBA_CACHE_DIR=/var/lib/fvs/cache \
     MPLCONFIGDIR=/tmp
 WORKDIR /var/lib/fvs
@@ -61,3 +61,16 @@ USER 10001
 EXPOSE 8000 8001
 ENTRYPOINT ["fvs"]
 CMD ["serve", "--log-json"]
+
+FROM service AS cuda
+# Triton compiles, at the first use of a kernel, what launches it: that takes a C compiler and Python's headers.
+USER 0
+# hadolint ignore=DL3008
+RUN apt-get update && apt-get install --no-install-recommends --yes gcc libc6-dev \
+    && rm -rf /var/lib/apt/lists/*
+USER 10001
+COPY --from=build-cuda /opt/fvs /opt/fvs
+ENV NVIDIA_DRIVER_CAPABILITIES=compute,utility TRITON_CACHE_DIR=/var/lib/fvs/cache/triton
+
+FROM service AS cpu
+COPY --from=build-cpu /opt/fvs /opt/fvs
