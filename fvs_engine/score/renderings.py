@@ -12,6 +12,7 @@ from fvs_engine.candidates import CandidateScore
 from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.score.parallel import map_in_order
+from fvs_engine.splat.device_memory import view_bytes
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster import BatchRasterizer, Rasterizer
 from fvs_engine.views import PinholeView
@@ -20,9 +21,6 @@ from fvs_schema.stages import Stage
 
 MIN_COVERAGE = 0.1
 """Coverage below which a view's score is not comparable with others."""
-
-_BATCH_PIXELS = 1 << 23
-"""Pixels per batch on a GPU; each thread of a CPU takes one image at a time."""
 
 
 @dataclass(frozen=True)
@@ -75,7 +73,7 @@ class RenderingScorer(ABC):
             ]
 
         scores: list[CandidateScore] = []
-        for found in map_in_order(scores_of, _batches(candidates, device), device):
+        for found in map_in_order(scores_of, _batches(candidates, gaussians, rasterizer), device):
             scores += found
             monitor.pass_on(found)
             monitor.report(Stage.SCORE, len(scores), len(candidates))
@@ -122,13 +120,15 @@ def require_one_size(candidates: Sequence[PinholeView]) -> None:
         )
 
 
-def _batches(candidates: Sequence[PinholeView], device: torch.device) -> list[Sequence[PinholeView]]:
+def _batches(
+    candidates: Sequence[PinholeView], gaussians: Gaussians, rasterizer: Rasterizer
+) -> list[Sequence[PinholeView]]:
     """Candidates in groups that the device can take at once; raises for images of different sizes."""
     require_one_size(candidates)
-    size = 1
-    if device.type != "cpu" and candidates:
+    size = 1  # each thread of a CPU takes one image at a time
+    if candidates and rasterizer.batch_bytes:
         camera = candidates[0].camera
-        size = max(1, _BATCH_PIXELS // (camera.width * camera.height))
+        size = max(1, rasterizer.batch_bytes // view_bytes(gaussians, camera.width, camera.height))
     return [candidates[start : start + size] for start in range(0, len(candidates), size)]
 
 

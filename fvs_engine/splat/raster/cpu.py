@@ -33,6 +33,7 @@ class CpuRasterizer:
 
     name = "cpu"
     steps_on_device = False
+    batch_bytes = 0
     device = torch.device("cpu")
 
     def __init__(self, monitor: Monitor | None = None) -> None:

@@ -1,10 +1,9 @@
-"""The CUDA rasteriser: gsplat (https://github.com/nerfstudio-project/gsplat), in its classic mode.
+"""The rasteriser gsplat (https://github.com/nerfstudio-project/gsplat), in its classic mode, on CUDA devices.
 
-gsplat's wheel compiles its kernels on first use and needs ``nvcc`` for it.
+gsplat would compile its kernels at the first use, for minutes, and a second process that starts meanwhile
+deletes what the first has compiled. So only kernels that were compiled with the package are used.
 """
 
-import contextlib
-import sys
 from collections.abc import Mapping
 
 import numpy as np
@@ -15,24 +14,18 @@ from fvs_engine.errors import BackendUnavailableError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.splat.conventions import ALPHA_MIN, BLUR_PX2, NEAR_PLANE
 from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.raster.interface import Rendering
+from fvs_engine.splat.raster.interface import GPU_BATCH_BYTES, Rendering
 from fvs_engine.splat.spherical_harmonics import sh_colors
 
 try:
-    # gsplat reports its compilation on stdout, which is reserved for the program's JSON document.
-    with contextlib.redirect_stdout(sys.stderr):
-        import gsplat
-        import gsplat.cuda._backend
-except ModuleNotFoundError as error:
+    import gsplat
+    import gsplat.csrc
+except ImportError as error:
+    missing = isinstance(error, ModuleNotFoundError)
+    found = "is not installed with its kernels compiled" if missing else f"cannot load its kernels: {error}"
     raise BackendUnavailableError(
-        "The gsplat rasteriser needs the package gsplat.",
-        hint="pip install 'fvs[cuda]', with nvcc on the PATH.",
-    ) from error
-except Exception as error:  # importing compiles, which can raise anything
-    last = str(error).strip().rpartition("\n")[2] or type(error).__name__
-    raise BackendUnavailableError(
-        f"The CUDA kernels of gsplat cannot be compiled here: {last}",
-        hint="See gsplat's documentation for matching CUDA and torch versions, or use the backend 'cpu'.",
+        f"gsplat {found}.",
+        hint="docs/operate/gpu.md shows how to compile them for this PyTorch; or use the backend 'cpu'.",
     ) from error
 
 
@@ -43,13 +36,8 @@ class GsplatRasterizer:
     steps_on_device = True
 
     def __init__(self) -> None:
-        # gsplat imports without its kernels; accessing them compiles them if there is a compiler.
-        if gsplat.cuda._backend._C is None:
-            raise BackendUnavailableError(
-                "gsplat is installed without its CUDA kernels.",
-                hint="Put nvcc on the PATH, or use the backend 'cpu'.",
-            )
         self.device = torch.device("cuda")
+        self.batch_bytes = GPU_BATCH_BYTES
 
     def render(
         self,

@@ -12,6 +12,9 @@ from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.triton_kernels.guard import StepGuard
 from fvs_engine.views import PinholeView
 
+GPU_BATCH_BYTES = 1 << 32
+"""``Rasterizer.batch_bytes`` on a GPU: more views at once are not faster."""
+
 
 class HasGradient(Protocol):
     """Something that holds a gradient after a backward pass; a tensor, for most backends."""
@@ -45,11 +48,13 @@ class Rasterizer(Protocol):
 
     ``steps_on_device``: training with it runs Triton's kernels for the loss and Adam, not Numba's, and the
     host does not wait for its steps (``triton_kernels.guard``).
+    ``batch_bytes``: memory for the views that are rendered and scored at once; with 0 it is one view.
     """
 
     name: str
     device: torch.device
     steps_on_device: bool
+    batch_bytes: int
 
     def render(
         self,

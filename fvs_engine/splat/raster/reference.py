@@ -20,6 +20,7 @@ class ReferenceRasterizer:
 
     name = "reference"
     steps_on_device = False
+    batch_bytes = 0
     device = torch.device("cpu")
 
     def render(

@@ -16,7 +16,7 @@ from fvs_engine.errors import BackendUnavailableError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.splat.conventions import CENTER_X
 from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.raster.interface import Rendering, SquaredJacobian
+from fvs_engine.splat.raster.interface import GPU_BATCH_BYTES, Rendering, SquaredJacobian
 from fvs_engine.splat.raster.packed_view import PackedView
 from fvs_engine.views import PinholeView
 
@@ -35,9 +35,6 @@ except ModuleNotFoundError as error:
         hint="PyTorch's CUDA builds for Linux bring it: install torch from PyPI, or use the backend 'cpu'.",
     ) from error
 
-_MOST_RECORDS = 1 << 24
-"""Gaussians × cameras that are projected at once: 1 GiB of records."""
-
 
 class TritonRasterizer:
     """Triton kernels on the current CUDA device, where the Gaussians must be; float32."""
@@ -47,6 +44,7 @@ class TritonRasterizer:
 
     def __init__(self) -> None:
         self.device = _device()
+        self.batch_bytes = GPU_BATCH_BYTES
 
     def render(
         self,
@@ -75,18 +73,10 @@ class TritonRasterizer:
         self, gaussians: Gaussians, views: Sequence[PinholeView], *, sh_degree: int | None = None
     ) -> tuple[Tensor, Tensor]:
         """See ``BatchRasterizer``."""
-        colors, alphas = [], []
         degree = gaussians.degree_in_use(sh_degree)
-        at_once = max(1, _MOST_RECORDS // max(1, len(gaussians)))
-        for start in range(0, len(views), at_once):
-            batch = views[start : start + at_once]
-            cameras = _Cameras.of(
-                [(view.camera, view.camera_from_model) for view in batch], degree, self.device
-            )
-            color, alpha, _ = _forward(gaussians, cameras, None, depth=False).images
-            colors.append(color)
-            alphas.append(alpha)
-        return torch.cat(colors), torch.cat(alphas)
+        cameras = _Cameras.of([(view.camera, view.camera_from_model) for view in views], degree, self.device)
+        color, alpha, _ = _forward(gaussians, cameras, None, depth=False).images
+        return color, alpha
 
     def squared_jacobian(
         self,

@@ -93,15 +93,14 @@ def _forget_gsplat() -> dict[str, ModuleType]:
 def gsplat_in_torch(monkeypatch: pytest.MonkeyPatch) -> Rasterizer:
     """The ``gsplat`` backend on the CPU, over gsplat's own torch functions, in any dtype.
 
-    Only the blending is ours. Nothing is compiled: the module that would do it is replaced before its import.
+    Only the blending is ours. The module of the compiled kernels is one without any.
     """
-    import gsplat.cuda
+    import gsplat
     import gsplat.rendering
 
-    kernels = ModuleType("gsplat.cuda._backend")
-    kernels._C = object()
+    kernels = ModuleType("gsplat.csrc")
     monkeypatch.setitem(sys.modules, kernels.__name__, kernels)
-    monkeypatch.setattr(gsplat.cuda, "_backend", kernels, raising=False)
+    monkeypatch.setattr(gsplat, "csrc", kernels, raising=False)
     monkeypatch.delitem(sys.modules, "fvs_engine.splat.raster.gsplat", raising=False)
     stand_ins = {
         "fully_fused_projection": _project,

@@ -1,19 +1,15 @@
 import pytest
 
-from fvs_engine.errors import BackendUnavailableError, InvalidInputError
+from fvs_engine.errors import InvalidInputError
 from fvs_engine.splat.raster import create_rasterizer
 
 
-def test_kernels_that_do_not_compile_are_no_bug_of_ours(fake_gsplat, caplog):
-    complaint = "raise RuntimeError('many lines\\nunsupported GNU version')"
-    (fake_gsplat / "__init__.py").write_text(complaint)
-    with pytest.raises(BackendUnavailableError, match="cannot be compiled here: unsupported GNU version"):
-        create_rasterizer("gsplat")
-    assert not caplog.messages
+def test_a_device_that_is_not_used_is_a_warning(fake_gsplat, caplog):
+    (fake_gsplat / "__init__.py").write_text("")
     assert create_rasterizer("auto").name == "cpu"
     (said,) = caplog.messages
     assert "The CUDA device is not used." in said
-    assert "unsupported GNU version" in said
+    assert "with its kernels compiled" in said
 
 
 def test_an_unknown_backend_gets_the_names_of_all():
