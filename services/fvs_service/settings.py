@@ -80,7 +80,7 @@ class WorkerSettings(Record):
     threads: int | None = Field(default=None, ge=1, le=1_024)
     """Threads of one runner, by default all cores. With 1, results repeat bit by bit."""
     backend: str = "auto"
-    """Rasteriser: ``cpu``, ``gsplat``, ``triton``, or ``auto``: ``gsplat`` where a CUDA device is found."""
+    """Rasteriser: ``cpu``, ``triton``, ``gsplat``, or ``auto``: ``gsplat`` where it can run."""
     long_side_px: int = Field(default=800, ge=64, le=8192)
     """Long side to which updates reduce training images."""
     initial_iterations: _Iterations = 2_000

@@ -112,7 +112,7 @@ def test_ports_match() -> None:
     exposed = re.findall(
         r"^EXPOSE (.*)$", (_REPOSITORY / "Dockerfile").read_text(encoding="utf-8"), re.MULTILINE
     )
-    assert [set(ports.split()) for ports in exposed] == [published] * 2
+    assert [set(ports.split()) for ports in exposed] == [published]
 
 
 def test_alerts_and_dashboards_ask_for_metrics_that_exist(tmp_path: Path) -> None:
