@@ -30,13 +30,13 @@ except ImportError as error:
 
 
 class GsplatRasterizer:
-    """gsplat on the current CUDA device, where the Gaussians must be."""
+    """gsplat on a CUDA device, where the Gaussians must be."""
 
     name = "gsplat"
     steps_on_device = True
 
-    def __init__(self) -> None:
-        self.device = torch.device("cuda")
+    def __init__(self, device: torch.device) -> None:
+        self.device = device
         self.batch_bytes = GPU_BATCH_BYTES
 
     def render(

@@ -8,6 +8,7 @@ import torch
 from fvs_engine.choices import Backend
 from fvs_engine.errors import BackendUnavailableError, InvalidInputError
 from fvs_engine.monitor import Monitor
+from fvs_engine.splat.raster.cuda_device import cuda_device
 from fvs_engine.splat.raster.interface import Rasterizer
 
 _log = logging.getLogger(__name__)
@@ -24,12 +25,12 @@ def create_rasterizer(name: str = "auto", monitor: Monitor | None = None) -> Ras
     machine ``cpu`` compiles its kernels: stage ``compile`` of ``monitor``.
     """
     if name == "auto":
-        try:
-            return create_rasterizer("gsplat", monitor)
-        except BackendUnavailableError as error:
-            if torch.cuda.is_available():
+        if torch.cuda.is_available():
+            try:
+                return create_rasterizer("gsplat")
+            except BackendUnavailableError as error:
                 _log.warning("The CUDA device is not used. %s", error)
-            return create_rasterizer("cpu", monitor)
+        return create_rasterizer("cpu", monitor)
     if name == "reference":
         from fvs_engine.splat.raster.reference import ReferenceRasterizer
 
@@ -38,18 +39,15 @@ def create_rasterizer(name: str = "auto", monitor: Monitor | None = None) -> Ras
         from fvs_engine.splat.raster.cpu import CpuRasterizer
 
         return CpuRasterizer(monitor)
-    if name == "triton":
-        from fvs_engine.splat.raster.triton import TritonRasterizer
+    if name in {"triton", "gsplat"}:
+        device = cuda_device()
+        if name == "triton":
+            from fvs_engine.splat.raster.triton import TritonRasterizer
 
-        return TritonRasterizer()
-    if name == "gsplat":
-        if not torch.cuda.is_available():
-            raise BackendUnavailableError(
-                "The gsplat rasteriser needs a CUDA device.", hint="Use the backend 'cpu'."
-            )
+            return TritonRasterizer(device)
         from fvs_engine.splat.raster.gsplat import GsplatRasterizer
 
-        return GsplatRasterizer()
+        return GsplatRasterizer(device)
     raise InvalidInputError(
         f"There is no rasteriser {name!r}.", hint=f"Choose one of {', '.join(get_args(Backend))}."
     )

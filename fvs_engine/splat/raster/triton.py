@@ -3,7 +3,6 @@
 Under ``TRITON_INTERPRET=1`` the same kernels run in Triton's interpreter on the CPU, for tests.
 """
 
-import os
 from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
@@ -12,38 +11,30 @@ import numpy as np
 import torch
 from torch import Tensor
 
-from fvs_engine.errors import BackendUnavailableError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.splat.conventions import CENTER_X
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.raster.interface import GPU_BATCH_BYTES, Rendering, SquaredJacobian
 from fvs_engine.splat.raster.packed_view import PackedView
+from fvs_engine.splat.triton_kernels.binning import Hits, bin_hits
+from fvs_engine.splat.triton_kernels.blending import blend
+from fvs_engine.splat.triton_kernels.blending_backward import blend_backward
+from fvs_engine.splat.triton_kernels.guard import StepGuard
+from fvs_engine.splat.triton_kernels.projection import Projected, project
+from fvs_engine.splat.triton_kernels.projection_backward import project_backward
+from fvs_engine.splat.triton_kernels.squares import square
+from fvs_engine.splat.triton_kernels.sums import sum_hits
 from fvs_engine.views import PinholeView
-
-try:
-    from fvs_engine.splat.triton_kernels.binning import Hits, bin_hits
-    from fvs_engine.splat.triton_kernels.blending import blend
-    from fvs_engine.splat.triton_kernels.blending_backward import blend_backward
-    from fvs_engine.splat.triton_kernels.guard import StepGuard
-    from fvs_engine.splat.triton_kernels.projection import Projected, project
-    from fvs_engine.splat.triton_kernels.projection_backward import project_backward
-    from fvs_engine.splat.triton_kernels.squares import square
-    from fvs_engine.splat.triton_kernels.sums import sum_hits
-except ModuleNotFoundError as error:
-    raise BackendUnavailableError(
-        "The triton rasteriser needs the package triton.",
-        hint="PyTorch's CUDA builds for Linux bring it: install torch from PyPI, or use the backend 'cpu'.",
-    ) from error
 
 
 class TritonRasterizer:
-    """Triton kernels on the current CUDA device, where the Gaussians must be; float32."""
+    """Triton kernels on a device (``cuda_device``), where the Gaussians must be; float32."""
 
     name = "triton"
     steps_on_device = True
 
-    def __init__(self) -> None:
-        self.device = _device()
+    def __init__(self, device: torch.device) -> None:
+        self.device = device
         self.batch_bytes = GPU_BATCH_BYTES
 
     def render(
@@ -116,24 +107,6 @@ class TritonRasterizer:
             gaussians, cameras, guard, screen_means, *tensors.values()
         )
         return Rendering(color, alpha, depth, radii, screen_means)
-
-
-def _device() -> torch.device:
-    """The device of the kernels; raises ``BackendUnavailableError`` where they cannot run."""
-    if os.environ.get("TRITON_INTERPRET") == "1":
-        return torch.device("cpu")
-    other = "ROCm" if torch.version.hip else "Intel GPUs" if torch.xpu.is_available() else None
-    if other is not None:
-        raise BackendUnavailableError(
-            f"The triton rasteriser was never tried on {other}.", hint="Use the backend 'cpu'."
-        )
-    if not torch.cuda.is_available():
-        raise BackendUnavailableError(
-            "The triton rasteriser needs a CUDA device that PyTorch can use.",
-            hint="See what torch.cuda.is_available() warns of (a driver too old for this PyTorch, or its CPU "
-            "build), or use the backend 'cpu'.",
-        )
-    return torch.device("cuda")
 
 
 @dataclass(frozen=True)

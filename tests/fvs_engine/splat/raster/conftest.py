@@ -112,7 +112,4 @@ def gsplat_in_torch(monkeypatch: pytest.MonkeyPatch) -> Rasterizer:
         monkeypatch.setattr(gsplat.rendering, name, stand_in)
     adapter = importlib.import_module("fvs_engine.splat.raster.gsplat")
     monkeypatch.delitem(sys.modules, adapter.__name__)  # others import it over gsplat's own kernels
-    rasterizer = adapter.GsplatRasterizer()
-    assert rasterizer.device.type == "cuda"
-    rasterizer.device = torch.device("cpu")
-    return rasterizer
+    return adapter.GsplatRasterizer(torch.device("cpu"))

@@ -8,7 +8,7 @@ import pytest
 import torch
 from random_gaussians import random_gaussians
 
-from fvs_engine.errors import BackendUnavailableError, Cancelled, TrainingError
+from fvs_engine.errors import Cancelled, TrainingError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.monitor import Monitor
 from fvs_engine.splat.gaussians import Gaussians
@@ -152,14 +152,3 @@ def test_a_cancelled_training_has_no_step_in_flight(
     trainer.train(SETTINGS.iterations, Monitor())
     for name, tensor in numbers(ample).items():
         assert torch.equal(numbers(trainer)[name], tensor), name
-
-
-def test_other_devices_are_refused_with_a_sentence(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.delenv("TRITON_INTERPRET", raising=False)
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: False)
-    with pytest.raises(BackendUnavailableError, match="needs a CUDA device"):
-        create_rasterizer("triton")
-    monkeypatch.setattr(torch.cuda, "is_available", lambda: True)
-    monkeypatch.setattr(torch.version, "hip", "6.4")
-    with pytest.raises(BackendUnavailableError, match="never tried on ROCm"):
-        create_rasterizer("triton")
