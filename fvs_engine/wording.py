@@ -270,7 +270,7 @@ WORDING: Mapping[FindingCode, tuple[str, str]] = {
         "Add photographs.",
     ),
     FindingCode.LITTLE_MEMORY: (
-        "Training may need {need_gb:.1f} GB of memory, and this machine has {machine_gb:.1f} GB.",
+        "Training may need {need_gb:.1f} GB of memory, and there are {machine_gb:.1f} GB.",
         "A smaller --long-side or --quality coarse needs less.",
     ),
     FindingCode.FLOATERS_REMOVED: (

@@ -8,6 +8,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 import numpy as np
+import torch
 from PIL import Image
 
 from fvs_engine.files.storage import require_free_bytes, storage_errors
@@ -25,6 +26,7 @@ from fvs_engine.pipeline.workspace import Workspace
 from fvs_engine.scene.photographs import Photographs
 from fvs_engine.scene.quality import comparisons
 from fvs_engine.scene.scene_model import SceneModel, usual_camera
+from fvs_engine.splat.device_memory import training_bytes
 from fvs_engine.splat.raster import Rasterizer, create_rasterizer
 from fvs_engine.splat.render import to_pixels
 from fvs_engine.splat.session import open_trainer, train_saving
@@ -81,7 +83,7 @@ def train(workspace: Workspace, manifest: Manifest, *, monitor: Monitor) -> Metr
         rasterizer,
         manifest.settings.seed,
     )
-    _warn_of_memory(settings, loaded, monitor)
+    _warn_of_memory(settings, loaded, rasterizer.device, monitor)
     state = _State(workspace, manifest, trainer, loaded, held_out)
     train_saving(trainer, settings.iterations, monitor, state.save)
     state.save()
@@ -146,13 +148,19 @@ class _State:
         self._workspace.write_manifest(self._manifest.model_copy(update={"training": record}))
 
 
-def _warn_of_memory(settings: TrainingSettings, views: Sequence[TrainingView], monitor: Monitor) -> None:
-    """Warn when training may need more memory than the machine has."""
-    largest = max((view.camera for view in views), key=lambda camera: camera.width * camera.height)
-    need_bytes = memory_need_bytes(
-        settings.max_gaussians, settings.sh_degree, len(views), largest.width, largest.height
-    )
-    machine_bytes = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
+def _warn_of_memory(
+    settings: TrainingSettings, views: Sequence[TrainingView], device: torch.device, monitor: Monitor
+) -> None:
+    """Warn when training may need more memory than the machine, or its GPU, has."""
+    if device.type == "cuda":
+        need_bytes = training_bytes(settings, views)
+        machine_bytes = torch.cuda.get_device_properties(device).total_memory
+    else:
+        largest = max((view.camera for view in views), key=lambda camera: camera.width * camera.height)
+        need_bytes = memory_need_bytes(
+            settings.max_gaussians, settings.sh_degree, len(views), largest.width, largest.height
+        )
+        machine_bytes = os.sysconf("SC_PAGE_SIZE") * os.sysconf("SC_PHYS_PAGES")
     if need_bytes > machine_bytes:
         need_gb, machine_gb = need_bytes / 1e9, machine_bytes / 1e9
         monitor.warn(Finding.of(FindingCode.LITTLE_MEMORY, need_gb=need_gb, machine_gb=machine_gb))

@@ -1,8 +1,8 @@
 """The memory of a GPU that training and rendering need.
 
 Upper estimates: the tensors that are alive at once, as ``triton_kernels`` makes them (gsplat's are of the
-same order), for as many hits of tiles per Gaussian as close views have. Parts that follow each other are added
-up: the allocator keeps blocks in sizes that nothing fits into any more.
+same order), for as many hits of tiles per Gaussian as close views have. Parts that follow each other are
+added up: the allocator keeps blocks in sizes that nothing fits into any more.
 """
 
 from collections.abc import Sequence

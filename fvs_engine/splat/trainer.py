@@ -144,7 +144,6 @@ class Trainer:
         self.rasterizer = rasterizer
         self.seed = seed
         self.iteration = 0
-        self.gaussians = _trainable(gaussians.to(rasterizer.device))
         self.views = tuple(views)
         means = gaussians.means.detach().cpu().numpy()
         if median_depth(views, means) < NEAR_PLANE:
@@ -154,8 +153,10 @@ class Trainer:
                 hint="Scale the model, cameras and points alike, so that the cameras are about 1 apart.",
             )
         self.extent = scene_extent(views, means)
-        self.optimiser = GaussianAdam(self.gaussians)
-        self.statistics = GradientStatistics(len(gaussians), rasterizer.device)
+        with on_device(rasterizer.device):
+            self.gaussians = _trainable(gaussians.to(rasterizer.device))
+            self.optimiser = GaussianAdam(self.gaussians)
+            self.statistics = GradientStatistics(len(gaussians), rasterizer.device)
         self._guard = StepGuard(rasterizer.device) if rasterizer.steps_on_device else None
         self._in_flight: list[_Launched] = []
         self._reduction = settings.reduction_at(0)
@@ -348,7 +349,7 @@ class Trainer:
                 hint="Give the same views in the same order, or train again.",
                 path=path,
             )
-        with _whole(path):
+        with _whole(path), on_device(rasterizer.device):
             settings = TrainingSettings.model_validate(state["settings"])
             gaussians, repeats = Gaussians(**_named(tensors, "gaussians.")), state["repeats"]
             trainer = cls(views, gaussians, settings, rasterizer, state["seed"], repeats)
