@@ -22,6 +22,7 @@ class Painted:
 
     name = "painted"
     device = torch.device("cpu")
+    batch_bytes = 0
 
     def __init__(self, color: float, alpha: float) -> None:
         self.color, self.alpha = color, alpha

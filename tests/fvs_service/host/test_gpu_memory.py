@@ -18,6 +18,7 @@ from fvs_service.host.runner.gpu_memory import GpuMemory
 from fvs_engine.errors import Cancelled, DeviceMemoryError
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.monitor import Monitor
+from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.splat.device_memory import model_bytes, view_bytes
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.initialise import initialise_from_points
@@ -112,8 +113,12 @@ def test_who_waits_gets_the_memory_that_another_leaves(runner: Callable[[], GpuM
     thread.join()
 
 
+def _model(gaussians: Gaussians) -> SceneModel:
+    return SceneModel(gaussians=gaussians, sh_degree=0, iterations=1)
+
+
 def _granted(memory: GpuMemory, gaussians: Gaussians, monitor: Monitor | None = None) -> int:
-    with memory.for_renders(gaussians, VIEWS, RASTERIZER, monitor or Impatient()) as rasterizer:
+    with memory.for_renders(_model(gaussians), VIEWS, RASTERIZER, monitor or Impatient()) as rasterizer:
         return rasterizer.batch_bytes
 
 
@@ -135,7 +140,7 @@ def test_a_ranking_beside_trainings_renders_fewer_views_at_once(
 
 def test_rankings_wait_for_each_other(gaussians: Gaussians, runner: Callable[[], GpuMemory]) -> None:
     memories = [runner() for _ in range(38)]
-    with memories[0].for_renders(gaussians, VIEWS, RASTERIZER, Monitor()), pytest.raises(Cancelled):
+    with memories[0].for_renders(_model(gaussians), VIEWS, RASTERIZER, Monitor()), pytest.raises(Cancelled):
         _granted(memories[1], gaussians)
     _granted(memories[1], gaussians)
 
@@ -201,6 +206,6 @@ def test_a_process_that_dies_frees_its_memory(tmp_path: Path, runner: Callable[[
 def test_on_a_cpu_nothing_is_reserved(tmp_path: Path, gaussians: Gaussians) -> None:
     memory = GpuMemory(torch.device("cpu"))
     with _training(memory, 100), _training(memory, 100):
-        with memory.for_renders(gaussians, VIEWS, RASTERIZER, Impatient()) as rasterizer:
+        with memory.for_renders(_model(gaussians), VIEWS, RASTERIZER, Impatient()) as rasterizer:
             assert rasterizer is RASTERIZER
         assert not list(tmp_path.iterdir())

@@ -21,8 +21,8 @@ import torch
 from fvs_engine.files.private_folder import private_folder
 from fvs_engine.files.storage import storage_errors
 from fvs_engine.monitor import Monitor
+from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.splat.device_memory import model_bytes, view_bytes
-from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.on_device import on_device
 from fvs_engine.splat.raster import Rasterizer
 from fvs_engine.views import PinholeView
@@ -63,7 +63,7 @@ class GpuMemory:
 
     @contextmanager
     def for_renders(
-        self, gaussians: Gaussians, views: Sequence[PinholeView], rasterizer: Rasterizer, monitor: Monitor
+        self, model: SceneModel, views: Sequence[PinholeView], rasterizer: Rasterizer, monitor: Monitor
     ) -> Iterator[Rasterizer]:
         """Hold memory to render views of one size; yields a ``rasterizer`` of batches that fit into it.
 
@@ -72,12 +72,12 @@ class GpuMemory:
         if self._device.type == "cpu" or not views:
             yield rasterizer
             return
-        model, camera = model_bytes(gaussians), views[0].camera
-        least_bytes = model + view_bytes(gaussians, camera.width, camera.height)
-        most_bytes = max(least_bytes, model + rasterizer.batch_bytes)
+        own_bytes, camera = model_bytes(model.gaussians), views[0].camera
+        least_bytes = own_bytes + view_bytes(model.gaussians, camera.width, camera.height)
+        most_bytes = max(least_bytes, own_bytes + rasterizer.batch_bytes)
         with self._held("ranking", least_bytes, most_bytes, monitor) as held_bytes:
             fitting = copy.copy(rasterizer)
-            fitting.batch_bytes = held_bytes - model
+            fitting.batch_bytes = held_bytes - own_bytes
             yield fitting
 
     def _limit_bytes(self, kind: _Kind) -> int:

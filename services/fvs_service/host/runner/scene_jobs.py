@@ -229,7 +229,7 @@ class SceneJobs:
         seen = {view.name for view in before.views}
         new = [view for view in scene.views if images[view.name].digest not in seen]
         views = evenly_spaced(new, _MOST_EVALUATED)
-        with self._memory.for_renders(before.gaussians, views, self._rasterizer, monitor) as rasterizer:
+        with self._memory.for_renders(before, views, self._rasterizer, monitor) as rasterizer:
             return mean_psnr_db(before, views, rasterizer, monitor)
 
     def _images(self, request: RunJob, monitor: Monitor, quarantine: Quarantine) -> Mapping[str, Image]:

@@ -197,7 +197,7 @@ class RunnerServer:
         """Call ``render`` once there is memory for the ``views``."""
 
         def compute(model: SceneModel, monitor: Monitor) -> T:
-            with self._memory.for_renders(model.gaussians, views, self._rasterizer, monitor) as rasterizer:
+            with self._memory.for_renders(model, views, self._rasterizer, monitor) as rasterizer:
                 return render(model, rasterizer, monitor)
 
         return compute
