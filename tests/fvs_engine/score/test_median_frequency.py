@@ -8,6 +8,7 @@ from fvs_engine.errors import Cancelled, InvalidInputError
 from fvs_engine.geometry import PinholeCamera
 from fvs_engine.monitor import Monitor
 from fvs_engine.score import CandidateScore, MedianFrequency, rank
+from fvs_engine.splat.device_memory import view_bytes
 from fvs_engine.splat.raster import Rendering, create_rasterizer
 from fvs_schema.candidates import CandidateStatus
 
@@ -125,3 +126,20 @@ def test_a_share_that_is_none_is_refused():
 def test_results_that_contradict_themselves_cannot_be_made(score, status, coverage):
     with pytest.raises(InvalidInputError):
         CandidateScore("a", score, status, coverage)
+
+
+@pytest.mark.parametrize(("room", "sizes"), [(0, [1] * 5), (0.5, [1] * 5), (2.5, [2, 2, 1]), (9, [5])])
+def test_so_many_views_are_scored_at_once_as_the_memory_allows(ball, candidate_at, monkeypatch, room, sizes):
+    measured = []
+
+    def measure(_, images):
+        measured.append(len(images))
+        return images.mean(dim=(1, 2, 3))
+
+    monkeypatch.setattr(MedianFrequency, "measure", measure)
+    candidates = [candidate_at(str(number), (3, 0, number)) for number in range(5)]
+    painted, camera = Painted(0.5, 1.0), candidates[0].camera
+    painted.batch_bytes = int(room * view_bytes(ball, camera.width, camera.height))
+    scores = MedianFrequency().score(ball, candidates, painted)
+    assert [score.name for score in scores] == [candidate.name for candidate in candidates]
+    assert sorted(measured, reverse=True) == sizes
