@@ -1,23 +1,24 @@
-"""One step of the proof on a device: ``python benchmarks/gpu/prove.py STEP [BACKEND] --out FOLDER``.
+"""One step of the proof on a device: ``python benchmarks/gpu/prove.py STEP [BACKEND] --out FILE``.
 
-``prove.sh`` runs all of them. A step writes what it measured, and whether that is good enough, to
-FOLDER/STEP-BACKEND.json. ``table`` prints what all steps wrote, and joins it to FOLDER/proof.json.
+``prove.sh`` runs all of them. A step writes what it measured, and whether that is good enough, to FILE, and
+does so again after each of its parts: what they find is not lost when a later one fails or takes too long.
 """
 
 import argparse
+import contextlib
+import gc
 import json
+import os
 import sys
 import time
 import traceback
-import warnings
 from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from functools import cached_property
 from pathlib import Path
-from statistics import median
 from types import SimpleNamespace
 from typing import Any
-from unittest.mock import patch
 
+import numba
 import numpy as np
 import torch
 from torch import Tensor
@@ -26,306 +27,313 @@ sys.path.insert(0, str(Path(__file__).parents[1]))
 
 from measurement import machine
 from proof import (
-    CANDIDATES,
-    SCORED,
-    SETTINGS,
+    DRY,
+    FULL,
+    Extent,
     Goldens,
+    Scoring,
     camera_of,
-    candidate_scores,
     densified,
     gradients_of,
     moved_by_adam,
+    squares_of,
     trained,
 )
 from room import candidates, scene
+from step_times import peak_gib, profiled_step, reset_peak, timed_steps, wait_for
 
-from fvs_engine.monitor import Monitor
-from fvs_engine.splat import densification as densification_module
-from fvs_engine.splat import optimiser as optimiser_module
-from fvs_engine.splat import trainer as trainer_module
 from fvs_engine.splat.gaussians import Gaussians
-from fvs_engine.splat.losses import photometric_loss, photometric_loss_torch
-from fvs_engine.splat.raster import Rasterizer, create_rasterizer
-from fvs_engine.splat.settings import Densification
-from fvs_engine.splat.trainer import Trainer
+from fvs_engine.splat.losses import photometric_loss, photometric_loss_torch, ssim_map
+from fvs_engine.splat.raster import Rasterizer, SquaringRasterizer, create_rasterizer
+from fvs_engine.splat.triton_kernels import photometric
 from fvs_engine.splat.triton_kernels.guard import StepGuard
-from fvs_engine.splat.views import TrainingView
 
 Found = dict[str, Any]
+IMAGES_OFF, GRADIENTS_OFF = 1e-4, 1e-3
+"""As in tests/fvs_engine/splat/raster/test_agreement.py; gradients relative to the largest."""
+GOALS_S = (0.1, 1.0)
 
-COUNTS = (100_000, 1_000_000, 3_000_000)
-FULL_HD = (1920, 1080)
-TIMED_STEPS = 12
+
+class Step:
+    """A step that runs: the ``rasterizer``, the ``extent``, and what it ``found``, kept in a file."""
+
+    def __init__(self, backend: str, extent: Extent, path: Path) -> None:
+        self.extent, self._path = extent, path
+        self.found: Found = {"good": True, "unfinished": True}
+        self._start = time.perf_counter()
+        self.keep()
+        self._backend = backend
+
+    @cached_property
+    def rasterizer(self) -> Rasterizer:
+        """The backend; made on first use, where a failure is kept."""
+        return create_rasterizer(self._backend)
+
+    @property
+    def is_ours(self) -> bool:
+        """Whether the backend is the one to be proven: gsplat's numbers are for comparison."""
+        return self.rasterizer.name == "triton"
+
+    def keep(self) -> None:
+        """Write what was found so far."""
+        self.found["took s"] = time.perf_counter() - self._start
+        self._path.write_text(json.dumps(self.found, indent=1) + "\n")
+
+    @contextlib.contextmanager
+    def part(self, name: str) -> Iterator[Found]:
+        """A part that fills its row; a failure is kept, and the step goes on with the next."""
+        row: Found = {}
+        self.found[name] = row
+        try:
+            yield row
+            wait_for(self.rasterizer.device)
+        except Exception as error:
+            row |= {"good": False, "error": repr(error)[:500], "traceback": traceback.format_exc()[-2000:]}
+        finally:
+            self.found["good"] &= bool(row.get("good", True))
+            self.keep()
 
 
-def parity(rasterizer: Rasterizer) -> Found:
-    """Images and gradients of the hard scenes against the reference in float64."""
-    goldens, worst = Goldens.read(), {}
+def parity(step: Step) -> None:
+    """Images, gradients and squares of the hard scenes against the reference in float64."""
+    goldens = Goldens.read(step.extent)
     camera, pose = camera_of(goldens.facts["hard"])
-    for name in sorted({key.split(".")[1] for key in goldens.tensors if key.startswith("scene.")}):
-        expected = goldens.part(f"scene.{name}.")
-        hard = SimpleNamespace(camera=camera, camera_from_model=pose, decided=expected["decided"])
-        names = Gaussians.__dataclass_fields__
-        gaussians = Gaussians(**{key: expected[key] for key in names}).to(rasterizer.device).requires_grad_()
-        rendering, gradients = gradients_of(rasterizer, gaussians, hard)
-        errors = {}
-        for key in ("color", "alpha", "depth"):
-            difference = (getattr(rendering, key).detach().cpu() - expected[key]).abs()[hard.decided]
-            scale = max(1.0, float(expected[key].max())) if key == "depth" else 1.0
-            errors[key] = float(difference.max()) / scale
-        for key, gradient in gradients.items():
-            wanted = expected[f"gradient.{key}"]
-            if wanted.numel():
-                largest = max(float(wanted.abs().max()), 1e-30)
-                errors[f"gradient {key}"] = float((gradient.cpu() - wanted).abs().max()) / largest
-        errors["seen differ"] = int((rendering.radii_px.detach().cpu() > 0).ne(expected["seen"]).sum())
-        worst[name] = errors
-    images = max(max(e["color"], e["alpha"], e["depth"]) for e in worst.values())
-    gradients_off = max(v for e in worst.values() for k, v in e.items() if k.startswith("gradient"))
-    return {
-        "images": images,
-        "gradients": gradients_off,
-        "scenes": worst,
-        "good": images <= 1e-4 and gradients_off <= 1e-3,
-    }
+    for name in goldens.scenes():
+        with step.part(name) as row:
+            expected = goldens.part(f"scene.{name}.")
+            hard = SimpleNamespace(camera=camera, camera_from_model=pose, decided=expected["decided"])
+            names = Gaussians.__dataclass_fields__
+            given = Gaussians(**{key: expected[key] for key in names})
+            rasterizer = step.rasterizer
+            gaussians = Gaussians(**given.to(rasterizer.device).tensors()).requires_grad_()
+            rendering, gradients = gradients_of(rasterizer, gaussians, hard)
+            errors: dict[str, dict[str, float]] = {"images": {}, "gradients": {}, "squares": {}}
+            for key in ("color", "alpha", "depth"):
+                difference = (getattr(rendering, key).detach().cpu() - expected[key]).abs()[hard.decided]
+                scale = max(1.0, float(expected[key].max())) if key == "depth" else 1.0
+                errors["images"][key] = float(difference.max()) / scale
+            for key, gradient in gradients.items():
+                errors["gradients"][key] = _off(gradient, expected[f"gradient.{key}"])
+            if isinstance(rasterizer, SquaringRasterizer):
+                for key, square in squares_of(rasterizer, given.to(rasterizer.device), hard).items():
+                    errors["squares"][key] = _off(square, expected[f"square.{key}"])
+            row |= {key: max(each.values(), default=0.0) for key, each in errors.items()}
+            seen = rendering.radii_px.detach().cpu() > 0
+            row |= {"seen differ": int((seen != expected["seen"]).sum()), "details": errors}
+            each = [(one, IMAGES_OFF) for one in errors["images"].values()]
+            each += [(one, GRADIENTS_OFF) for key in ("gradients", "squares") for one in errors[key].values()]
+            # Written so that NaN is not good.
+            within = all(one <= limit for one, limit in each) and row["seen differ"] == 0
+            row["good"] = within or not step.is_ours
 
 
-def tf32(rasterizer: Rasterizer) -> Found:
-    """The loss's gradient where detail is faint, with TF32 allowed and not, against float64."""
+def tf32(step: Step) -> None:
+    """The loss and SSIM where detail is faint, with TF32 allowed and not, against float64."""
     draw = torch.Generator().manual_seed(5)
-    y, x = torch.meshgrid(torch.linspace(0, 1, 270), torch.linspace(0, 1, 480), indexing="ij")
+    width, height = step.extent.scored[0]
+    y, x = torch.meshgrid(torch.linspace(0, 1, height), torch.linspace(0, 1, width), indexing="ij")
     smooth = torch.stack([0.3 + 0.4 * x, 0.5 + 0.3 * y, 0.4 + 0.2 * x * y], dim=-1)
-    target = (
-        (255 * (smooth + 0.004 * torch.randn(smooth.shape, generator=draw))).clamp(0, 255).to(torch.uint8)
-    )
+    noise = 0.004 * torch.randn(smooth.shape, generator=draw)
+    target = (255 * (smooth + noise)).clamp(0, 255).to(torch.uint8)
     exact = smooth.double().requires_grad_()
     photometric_loss_torch(exact, target.double() / 255).backward()  # type: ignore[no-untyped-call]
     assert exact.grad is not None
-    color, image = smooth.to(rasterizer.device), target.to(rasterizer.device)
-    errors = {}
+    ssim = ssim_map(smooth.double(), target.double() / 255)
+    differ = (exact.detach() - target.double() / 255).abs() > 1e-6  # else rounding decides L1's sign
+    color, image = smooth.to(step.rasterizer.device), target.to(step.rasterizer.device)
     for allowed in (False, True):
-        torch.backends.cudnn.allow_tf32 = torch.backends.cuda.matmul.allow_tf32 = allowed
-        guard = StepGuard(rasterizer.device) if rasterizer.steps_on_device else None
-        _, gradient = photometric_loss(color, image, guard=guard)
-        difference = (gradient.cpu() - exact.grad).abs().max() / exact.grad.abs().max()
-        errors["TF32 allowed" if allowed else "TF32 off"] = float(difference)
-    return {**errors, "good": max(errors.values()) <= 1e-3}
-
-
-def optimiser(rasterizer: Rasterizer) -> Found:
-    """Three steps of Adam and a densification against the CPU."""
-    goldens = Goldens.read()
-    adam = _largest_difference(moved_by_adam(rasterizer), goldens.part("adam."))
-    grown = densified(rasterizer)
-    wanted = goldens.part("densified.")
-    same = {name: tensor.shape for name, tensor in grown.items()} == {n: t.shape for n, t in wanted.items()}
-    split = _largest_difference(grown, wanted) if same else float("inf")
-    return {"adam": adam, "densification": split, "good": adam <= 1e-5 and split <= 1e-4}
-
-
-def training(rasterizer: Rasterizer) -> Found:
-    """500 steps with densification and a resume: PSNR against the CPU's, and a second run bit for bit."""
-    goldens = Goldens.read()
-    start = time.perf_counter()
-    first = trained(rasterizer, goldens)
-    seconds = time.perf_counter() - start
-    again = trained(rasterizer, goldens)
-    pairs = zip(first.gaussians.tensors().values(), again.gaussians.tensors().values(), strict=True)
-    equal = all(torch.equal(one, other) for one, other in pairs)
-    off = abs(first.psnr_db - goldens.facts["psnr_db"])
-    good = off <= 0.3 and (equal or rasterizer.name != "triton")
-    return {
-        "dB": first.psnr_db, "dB of the CPU": goldens.facts["psnr_db"], "Gaussians": len(first.gaussians),
-        "seconds": seconds, "bits equal": equal, "good": good,
-    }  # fmt: skip
-
-
-def steps(rasterizer: Rasterizer) -> Found:
-    """The time of a step at 1080p by parts, its synchronisations, and the memory it needs."""
-    rows, good = {}, True
-    for count in COUNTS:
-        rows[f"{count:,}"] = _timed_steps(rasterizer, count)
-        good &= rows[f"{count:,}"]["synchronisations"] <= 1
-    return {**rows, "good": good or rasterizer.name != "triton"}
-
-
-def scores(rasterizer: Rasterizer) -> Found:
-    """300 candidates: time, and their order against the CPU's."""
-    found: Found = {}
-    good = True
-    for size, limit_s in zip(SCORED, (0.1, 1.0), strict=True):
-        candidate_scores(rasterizer, size)  # compiles, and plans the FFT
-        seconds = []
-        for _ in range(3):
-            start = time.perf_counter()
-            values = candidate_scores(rasterizer, size)
-            seconds.append(time.perf_counter() - start)
-        expected = Goldens.read().tensors["scores.{}x{}".format(*size)].numpy()
-        difference = float(np.nanmax(np.abs(np.array(values) - expected)))
-        first_ten = len(set(np.argsort(values)[:10]) & set(np.argsort(expected)[:10]))
-        found["{}×{}".format(*size)] = {
-            "seconds": min(seconds),
-            "goal s": limit_s,
-            "largest difference": difference,
-            "of the first ten": first_ten,
-        }
-        good &= difference <= 1e-3 and first_ten >= 9
-    return {**found, "candidates": CANDIDATES, "good": good}
-
-
-def memory(rasterizer: Rasterizer) -> Found:
-    """Models of 0 and of 10 million Gaussians, images of 1 px and of 8,000 px, a NaN in a parameter."""
-    found: Found = {}
-    for name, gaussians, size in _extremes():
-        (view,) = candidates(1, *size)
-        with torch.no_grad():
-            rendering = rasterizer.render(
-                gaussians.to(rasterizer.device), view.camera, view.camera_from_model
+        with step.part("TF32 allowed" if allowed else "TF32 off") as row:
+            torch.backends.cudnn.allow_tf32 = torch.backends.cuda.matmul.allow_tf32 = allowed
+            guard = StepGuard(step.rasterizer.device)
+            row["gradient"] = _off(
+                photometric_loss(color, image, guard=guard)[1].cpu() * differ, exact.grad * differ
             )
-        found[name] = {"finite": bool(torch.isfinite(rendering.color).all()), "GiB": _peak_gib()}
-    return {**found, "good": all(row["finite"] for row in found.values())}
+            row["ssim"] = float((ssim_map(color, image.float() / 255).cpu() - ssim).abs().max())
+            row["good"] = row["gradient"] <= 1e-3 and row["ssim"] <= 1e-3
+    with step.part("convolved in TF32") as row:  # what it would cost: the two above must not be so
+        blurred = torch.nn.functional.conv2d(color.permute(2, 0, 1)[:, None], color.new_ones(1, 1, 11, 11))
+        torch.backends.cudnn.allow_tf32 = False
+        plain = torch.nn.functional.conv2d(color.permute(2, 0, 1)[:, None], color.new_ones(1, 1, 11, 11))
+        row["relative"] = float(((blurred - plain).abs() / plain).max())
 
 
-STEPS_BY_NAME: dict[str, Callable[[Rasterizer], Found]] = {
-    step.__name__: step for step in (parity, tf32, optimiser, training, steps, scores, memory)
+def optimiser(step: Step) -> None:
+    """Three steps of Adam and a densification against the CPU."""
+    goldens = Goldens.read(step.extent)
+    for name, compute, limit in (("adam", moved_by_adam, 1e-5), ("densified", densified, 1e-4)):
+        with step.part(name) as row:
+            found, wanted = compute(step.rasterizer, step.extent), goldens.part(f"{name}.")
+            same = {key: t.shape for key, t in found.items()} == {key: t.shape for key, t in wanted.items()}
+            off = [float((found[key] - wanted[key]).abs().max()) for key in wanted if wanted[key].numel()]
+            row["difference"] = max(off) if same else float("inf")
+            row["good"] = all(one <= limit for one in off) and same
+
+
+def training(step: Step) -> None:
+    """500 steps with densification and a resume: PSNR against the CPU's; again, and without the resume."""
+    facts = Goldens.read(step.extent).facts
+    first: dict[str, Tensor] = {}
+    for name, resumed in (("resumed", True), ("again", True), ("uninterrupted", False)):
+        with step.part(name) as row:
+            start = time.perf_counter()
+            result = trained(step.rasterizer, step.extent, resumed=resumed)
+            tensors = {key: tensor.detach() for key, tensor in result.gaussians.tensors().items()}
+            first = first or tensors
+            equal = all(torch.equal(tensors[key], tensor) for key, tensor in first.items())
+            row |= {
+                "seconds": time.perf_counter() - start,
+                "dB": result.psnr_db,
+                "dB of the CPU": facts["psnr_db"],
+                "Gaussians": len(result.gaussians),
+                "Gaussians of the CPU": facts["gaussians"],
+                "bits equal": equal,
+                "good": abs(result.psnr_db - facts["psnr_db"]) <= 0.3 and (equal or not step.is_ours),
+            }
+
+
+def steps(step: Step) -> None:
+    """The time of a step at 1080p by parts, its synchronisations, and the memory it needs."""
+    for count, degree in step.extent.counts:
+        with step.part(f"{count:,} of degree {degree}") as row:
+            row |= timed_steps(step.rasterizer, step.extent, count, degree)
+            row["good"] = row.get("synchronisations", 0) == 0 or not step.is_ours
+        gc.collect()
+
+
+def kernels(step: Step) -> None:
+    """The kernels of a step, and what the driver was asked for."""
+    count, degree = step.extent.counts[1]
+    with step.part(f"{count:,} of degree {degree}") as row:
+        row |= profiled_step(step.rasterizer, step.extent, count, degree)
+
+
+def scores(step: Step) -> None:
+    """300 candidates, batched and one by one: time, and scores against the CPU's."""
+    goldens = Goldens.read(step.extent)
+    for size, goal_s in zip(step.extent.scored, GOALS_S, strict=True):
+        name = "{}x{}".format(*size)
+        expected = goldens.tensors[f"scores.{name}"].numpy()
+        scoring = Scoring(step.rasterizer, step.extent, size)
+        for one_by_one in (False, True):
+            with step.part(f"{name} {'one by one' if one_by_one else 'batched'}") as row:
+                reset_peak(step.rasterizer.device)
+                scoring.scores(one_by_one=one_by_one)  # compiles, and plans the FFT
+                seconds = []
+                for _ in range(3):
+                    start = time.perf_counter()
+                    values = np.array(scoring.scores(one_by_one=one_by_one))
+                    seconds.append(time.perf_counter() - start)
+                row |= {"s": min(seconds), "goal s": goal_s, "peak GiB": peak_gib(step.rasterizer.device)}
+                row["difference"] = float(np.abs(values - expected)[np.isfinite(expected)].max())
+                order = (np.argsort(values)[:10], np.argsort(expected)[:10])
+                row["of the first ten"] = len({*order[0]} & {*order[1]})
+                same = bool((np.isnan(values) == np.isnan(expected)).all())
+                row["good"] = same and row["difference"] <= 1e-3
+                row["good"] &= row["of the first ten"] >= min(9, len(values))
+
+
+def extremes(step: Step) -> None:
+    """0 and 10 million Gaussians, images of 1 px and 8,000 px, NaN: an image, and every gradient finite."""
+    device = step.rasterizer.device
+    for name, make, size in _extremes(step.extent):
+        with step.part(name) as row:
+            reset_peak(device)
+            (view,) = candidates(1, *size)
+            gaussians = Gaussians(**make().to(device).tensors()).requires_grad_()
+            rendering = step.rasterizer.render(gaussians, view.camera, view.camera_from_model)
+            rendering.color.sum().backward()  # type: ignore[no-untyped-call]
+            row["good"] = bool(torch.isfinite(rendering.color).all())
+            row["alpha"] = float(rendering.alpha.mean())
+            seen = rendering.radii_px > 0
+            row["seen"] = int(seen.sum())
+            for tensor in gaussians.tensors().values():
+                if tensor.grad is not None:
+                    row["good"] &= bool(torch.isfinite(tensor.grad).all())
+            row["peak GiB"] = peak_gib(device)
+
+
+STEPS: dict[str, Callable[[Step], None]] = {
+    step.__name__: step for step in (parity, tf32, optimiser, training, steps, kernels, scores, extremes)
 }
 
 
-def _timed_steps(rasterizer: Rasterizer, count: int) -> Found:
-    """Milliseconds of a step and of its parts, median of some steps."""
-    (view,) = candidates(1, *FULL_HD)
-    image = np.random.default_rng(0).integers(0, 256, (FULL_HD[1], FULL_HD[0], 3), dtype=np.uint8)
-    training = [TrainingView(view.name, view.camera, view.camera_from_model, image)]
-    settings = SETTINGS.model_copy(
-        update={"sh_degree": 0, "densification": Densification(first_iteration=10**6, last_iteration=10**6)}
-    )
-    trainer = Trainer(training, scene(count), settings, rasterizer)
-    trainer.train(3, Monitor())
-    torch.cuda.reset_peak_memory_stats()
-    watch = _Watch()
-    with _watched(watch, rasterizer):
-        for _ in range(TIMED_STEPS):
-            with watch.part("step"):
-                trainer._step(10**6)
-        torch.cuda.synchronize()
-    trainer._settle(0)
-    with warnings.catch_warnings(record=True) as caught:
-        warnings.simplefilter("always")
-        torch.cuda.set_sync_debug_mode("warn")
-        trainer._step(10**6)
-        torch.cuda.set_sync_debug_mode("default")
-    start = time.perf_counter()
-    trainer.train(trainer.iteration + TIMED_STEPS, Monitor())
-    torch.cuda.synchronize()
-    clock_ms = 1e3 * (time.perf_counter() - start) / TIMED_STEPS
-    return {
-        **{f"{name} ms": watch.median_ms(name) for name in watch.events},
-        "step by the clock ms": clock_ms,
-        "synchronisations": sum("synchroniz" in str(one.message) for one in caught),
-        "GiB": _peak_gib(),
-    }
+def _extremes(extent: Extent) -> Iterator[tuple[str, Callable[[], Gaussians], tuple[int, int]]]:
+    most, (width, height) = extent.extremes
 
+    def none() -> Gaussians:
+        return Gaussians(**{name: tensor[:0] for name, tensor in scene(10).tensors().items()})
 
-class _Watch:
-    """CUDA events around parts of steps."""
+    def broken() -> Gaussians:
+        some = scene(min(1_000, most))
+        some.means[7], some.log_scales[8], some.opacity_logits[9] = torch.nan, torch.nan, torch.nan
+        some.quaternions_wxyz[6] = torch.nan
+        return some
 
-    def __init__(self) -> None:
-        self.events: dict[str, list[tuple[Any, Any]]] = {}
-
-    @contextmanager
-    def part(self, name: str) -> Any:
-        begin, end = (torch.cuda.Event(enable_timing=True) for _ in range(2))
-        begin.record()
-        try:
-            yield
-        finally:
-            end.record()
-            self.events.setdefault(name, []).append((begin, end))
-
-    def wrap(self, name: str, function: Callable[..., Any]) -> Callable[..., Any]:
-        def timed(*args: Any, **kwargs: Any) -> Any:
-            with self.part(name):
-                return function(*args, **kwargs)
-
-        return timed
-
-    def median_ms(self, name: str) -> float:
-        return median(begin.elapsed_time(end) for begin, end in self.events[name])
-
-
-@contextmanager
-def _watched(watch: _Watch, rasterizer: Rasterizer) -> Any:
-    """Time the parts of the steps that run in the block; the rest of a step is its bookkeeping."""
-    render = "render_guarded" if hasattr(rasterizer, "render_guarded") else "render"
-    targets: list[tuple[str, Any, str]] = [
-        ("render", type(rasterizer), render),
-        ("loss", trainer_module, "photometric_loss"),
-        ("backward", torch.Tensor, "backward"),
-        ("adam", optimiser_module.GaussianAdam, "step"),
-        ("statistics", densification_module.GradientStatistics, "add"),
-    ]
-    with ExitStack() as stack:
-        for name, owner, attribute in targets:
-            timed = watch.wrap(name, getattr(owner, attribute))
-            stack.enter_context(patch.object(owner, attribute, timed))
-        yield
-
-
-def _extremes() -> Iterator[tuple[str, Gaussians, tuple[int, int]]]:
-    small = scene(1_000)
-    yield "no Gaussian", Gaussians(**{name: tensor[:0] for name, tensor in small.tensors().items()}), (64, 48)
-    yield "1 px", small, (1, 1)
-    yield "8,000 px", small, (8_000, 6_000)
-    yield "10 million Gaussians", scene(10_000_000), FULL_HD
-    broken = scene(1_000)
-    broken.means[7], broken.log_scales[8], broken.opacity_logits[9] = torch.nan, torch.nan, torch.nan
+    yield "no Gaussian", none, (64, 48)
+    yield "1 px", lambda: scene(min(1_000, most)), (1, 1)
     yield "NaN", broken, (64, 48)
+    yield f"{width:,} px", lambda: scene(min(1_000, most)), (width, height)
+    yield f"{most:,} Gaussians", lambda: scene(most), extent.timed
 
 
-def _largest_difference(found: dict[str, Tensor], wanted: dict[str, Tensor]) -> float:
-    return max(float((found[n] - wanted[n]).abs().max()) for n in wanted if wanted[n].numel())
+def _off(found: Tensor, wanted: Tensor) -> float:
+    """The largest difference, relative to the largest value; infinite for another shape."""
+    if found.shape != wanted.shape:
+        return float("inf")
+    if wanted.numel() == 0:
+        return 0.0
+    largest = max(float(wanted.abs().max()), 1e-30)
+    return float((found.detach().cpu() - wanted).abs().max()) / largest
 
 
-def _peak_gib() -> float:
-    return torch.cuda.max_memory_allocated() / 2**30 if torch.cuda.is_available() else 0.0
+def about() -> Found:
+    """The machine, and how fast its device copies memory."""
+    found: Found = machine() | {"torch": torch.__version__, "cuda": torch.version.cuda}
+    with contextlib.suppress(ImportError):
+        import triton
+
+        found["triton"] = triton.__version__
+    if torch.cuda.is_available():
+        properties = torch.cuda.get_device_properties(0)
+        found |= {"sm": f"{properties.major}{properties.minor}", "GiB": properties.total_memory / 2**30}
+        source = torch.zeros(1 << 28, device="cuda")
+        target = torch.empty_like(source)
+        begin, end = (torch.cuda.Event(enable_timing=True) for _ in range(2))
+        for _ in range(3):
+            begin.record()
+            target.copy_(source)
+            end.record()
+        torch.cuda.synchronize()
+        found["copy GB/s"] = 2 * source.numel() * 4 / begin.elapsed_time(end) / 1e6
+    found["good"] = torch.cuda.is_available() or os.environ.get("TRITON_INTERPRET") == "1"
+    return found
 
 
-def table(folder: Path) -> None:
-    """Print what the steps wrote, and join it to ``proof.json``."""
-    joined = {file.stem: json.loads(file.read_text()) for file in sorted(folder.glob("*-*.json"))}
-    (folder / "proof.json").write_text(json.dumps({"machine": machine(), "steps": joined}, indent=1) + "\n")
-    for name, found in joined.items():
-        print(f"{'good' if found.get('good') else 'BAD ':5} {name}")
-        for key, value in found.items():
-            if key not in ("good", "scenes"):
-                print(f"        {key}: {_shown(value)}")
-
-
-def _shown(value: object) -> str:
-    if isinstance(value, dict):
-        return ", ".join(f"{key} {_shown(one)}" for key, one in value.items())
-    return f"{value:.4g}" if isinstance(value, float) else str(value)
+def interpret() -> None:
+    """Suit Triton's interpreter: it works in one thread, and computes all rows that a program takes."""
+    numba.set_num_threads(1)
+    photometric._ROWS = 8
 
 
 def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawTextHelpFormatter)
-    parser.add_argument("step", choices=[*STEPS_BY_NAME, "table"])
+    parser.add_argument("step", choices=["machine", *STEPS])
     parser.add_argument("backend", nargs="?", default="triton")
     parser.add_argument("--out", type=Path, required=True)
+    parser.add_argument("--dry-run", action="store_true")
     arguments = parser.parse_args()
-    arguments.out.mkdir(parents=True, exist_ok=True)
-    if arguments.step == "table":
-        table(arguments.out)
+    if arguments.step == "machine":
+        arguments.out.write_text(json.dumps(about(), indent=1) + "\n")
         return
-    start = time.perf_counter()
+    if arguments.dry_run:
+        interpret()
+    step = Step(arguments.backend, DRY if arguments.dry_run else FULL, arguments.out)
     try:
-        found = STEPS_BY_NAME[arguments.step](create_rasterizer(arguments.backend))
-    except Exception as error:  # one step that fails must not hide the others
-        found = {"good": False, "error": repr(error), "traceback": traceback.format_exc()[-2000:]}
-    found["took s"] = time.perf_counter() - start
-    path = arguments.out / f"{arguments.step}-{arguments.backend}.json"
-    path.write_text(json.dumps(found, indent=1) + "\n")
-    print(f"{'good' if found['good'] else 'BAD '} {path.stem} {found['took s']:.1f} s", flush=True)
+        STEPS[arguments.step](step)
+    except Exception as error:
+        step.found |= {"good": False, "error": repr(error)[:500], "traceback": traceback.format_exc()[-2000:]}
+    del step.found["unfinished"]
+    step.keep()
 
 
 if __name__ == "__main__":

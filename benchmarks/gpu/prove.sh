@@ -1,41 +1,83 @@
 #!/bin/bash
-# The proof of the GPU backends on a machine with a CUDA device, in at most eight minutes:
+# The proof of the GPU backends on a machine with a CUDA device, in at most eight minutes; README.md beside it
+# says what to bring.
 #
-#     python benchmarks/gpu/goldens.py --model MODEL --images IMAGES     (before, on a CPU)
-#     benchmarks/gpu/prove.sh [OUT] [WHEELS]
+#     benchmarks/gpu/prove.sh OUT [WHEELS]
+#     benchmarks/gpu/prove.sh --dry-run OUT [WHEELS]   without a device, tiny, in Triton's interpreter: does it run?
 #
-# Needs Python 3.12, PyTorch with CUDA and Triton; packages that are missing come from the folder WHEELS, without a
-# network. For gsplat it also needs nvcc, setuptools, and the source (gsplat-1.5.3.tar.gz) in WHEELS. Every step is a process with a limit of its own. OUT gets a JSON file per step and proof.json.
+# Packages that are missing come from the folder WHEELS, without a network. Every step is a process with a limit of
+# its own, and all share one. OUT gets proof.json and proof.txt, which are whole after every step, and three logs.
 set -u
 cd "$(dirname "$0")/../.."
-out=${1:-out/proof} wheels=${2:-}
-python=${PYTHON:-python3}
-mkdir -p "$out"
-export PYTHONUNBUFFERED=1 PYTHONPATH="$PWD:$PWD/clients/python${PYTHONPATH:+:$PYTHONPATH}"
+dry=() slower=1
+if [ "${1:-}" = --dry-run ]; then
+    dry=(--dry-run) slower=10
+    shift
+    export TRITON_INTERPRET=1
+fi
+mkdir -p "${1:?OUT}"
+out=$(realpath "$1") wheels=${2:-} limit_s=$((${LIMIT_S:-470} * slower)) python=${PYTHON:-python3}
+work=$(mktemp -d)
+trap 'rm -rf "$work"' EXIT
+mkdir "$work/steps" "$work/site"
+export PYTHONUNBUFFERED=1 PYTHONPATH="$work/site:$PWD:$PWD/clients/python${PYTHONPATH:+:$PYTHONPATH}"
+install=("$python" -m pip install --quiet --no-index --no-deps --no-compile --no-cache-dir --target "$work/site")
 if [ -n "$wheels" ]; then
-    $python -m pip install --quiet --no-index --no-deps --target "$out/site" "$wheels"/*.whl || exit
-    export PYTHONPATH="$PYTHONPATH:$out/site"
+    "${install[@]}" "$wheels"/*.whl || exit
 fi
+: >"$out/steps.log"
 
-# gsplat compiles for minutes: it does so beside the steps of triton, and is tried with what is left.
-if [ -n "$wheels" ] && ls "$wheels"/gsplat-*.tar.gz >/dev/null 2>&1; then
-    MAX_JOBS=10 timeout 240 $python -m pip install --no-index --no-deps --no-build-isolation --target "$out/site" \
-        "$wheels"/gsplat-*.tar.gz >"$out/gsplat-build.log" 2>&1 &
-fi
-
-step() { # seconds, name, backend
-    timeout "$1" $python benchmarks/gpu/prove.py "$2" "$3" --out "$out" ||
-        echo "{\"good\": false, \"error\": \"ended with $? (124: out of time)\"}" >"$out/$2-$3.json"
+step() { # seconds at most, name, backend, name of the result
+    local name=${4:-$2-$3} left=$((limit_s - SECONDS - 5)) seconds=$(($1 * slower))
+    seconds=$((seconds < left ? seconds : left))
+    local file=$work/steps/$name.json
+    echo '{"good": false, "unfinished": true}' >"$file"
+    if [ $seconds -gt 5 ]; then
+        timeout -k 5 $seconds "$python" benchmarks/gpu/prove.py "$2" "$3" --out "$file" "${dry[@]}" \
+            >>"$out/steps.log" 2>&1 ||
+            echo "$name ended with code $? (124 and 137: out of its $seconds s)" | tee -a "$out/steps.log"
+    fi
+    "$python" benchmarks/gpu/report.py "$work/steps" "$out" "$name"
 }
 
-for name in parity tf32 optimiser training scores steps memory; do step 90 "$name" triton; done
-wait
-if $python -c 'import gsplat.csrc' 2>/dev/null; then
-    for name in parity training steps scores; do step 60 "$name" gsplat; done
-    step 60 steps triton # again, so that the two were timed in turns
+check() { # run tests of the backends where they have a device
+    local splat=tests/fvs_engine/splat score=tests/fvs_engine/score lab=tests/fvs_engine/lab/baselines
+    local pytest=("$python" -m pytest -v --tb=short -p no:cacheprovider -W default --continue-on-collection-errors)
+    if [ ${#dry[@]} -gt 0 ]; then
+        pytest+=(--collect-only -q)
+    fi
+    "${pytest[@]}" -m cuda $splat/raster/test_agreement.py $score/test_spectral_median.py \
+        $score/test_median_log_magnitude.py $lab/test_information_gain.py $lab/test_coverage.py \
+        $score/selectors/test_interface.py
+    "${pytest[@]}" --ignore-glob='*/test_compile*.py' $splat/triton_kernels $splat/raster/test_triton.py
+}
+
+if [ ${#dry[@]} -gt 0 ]; then
+    "$python" benchmarks/gpu/goldens.py --dry-run || exit
 fi
-if $python -c 'import pytest' 2>/dev/null; then
-    timeout 120 $python -m pytest -q -m cuda -p no:randomly tests/fvs_engine >"$out/tests.log" 2>&1
-    tail -3 "$out/tests.log"
+# While nothing is timed, gsplat compiles, if its source was brought in place of its wheel, and tests run.
+building='' testing=''
+if [ -n "$wheels" ] && source=$(ls "$wheels"/gsplat-*.tar.gz 2>/dev/null); then
+    TORCH_CUDA_ARCH_LIST=${TORCH_CUDA_ARCH_LIST:-9.0} MAX_JOBS=${MAX_JOBS:-10} nice timeout -k 5 270 \
+        "${install[@]}" --no-build-isolation "$source" >"$out/gsplat-build.log" 2>&1 &
+    building=$!
 fi
-$python benchmarks/gpu/prove.py table --out "$out"
+step 60 machine none machine
+export -f check
+export python
+(timeout -k 5 150 bash -c "dry=(${dry[*]}); check") >"$out/tests.log" 2>&1 &
+testing=$!
+for name in parity training; do step 100 $name triton; done
+for name in optimiser tf32 extremes; do step 60 $name triton; done
+wait $testing
+grep -aE '^(FAILED|ERROR)|^=+ .*(passed|failed|error|collected|selected)' "$out/tests.log" | tail -20
+for name in steps scores; do step 75 $name triton; done
+step 45 kernels triton
+[ -z "$building" ] || wait $building
+if [ ${#dry[@]} = 0 ] && "$python" -c 'import gsplat.csrc' 2>>"$out/steps.log"; then
+    for name in steps scores; do step 75 $name gsplat; done
+    step 75 steps triton steps-triton-again # so that the two were timed in turns
+    for name in parity training kernels; do step 45 $name gsplat; done
+fi
+cat "$out/proof.txt"
+grep -q '^ok ' "$out/proof.txt" && ! grep -q '^BAD ' "$out/proof.txt"
