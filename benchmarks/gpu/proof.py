@@ -89,8 +89,8 @@ DRY = Extent(
     goldens=Path(__file__).with_name("goldens-dry.safetensors"),
     scenes=("needles", "no gaussians"),
     views=3,
-    long_side_px=40,
-    points=12,
+    long_side_px=24,
+    points=8,
     settings=TrainingSettings(
         iterations=4,
         sh_degree=1,
@@ -102,9 +102,9 @@ DRY = Extent(
     scored_gaussians=40,
     moved=40,
     counts=((10, 0), (20, 3)),
-    timed=(24, 18),
+    timed=(18, 14),
     timed_steps=2,
-    extremes=(60, (40, 30)),
+    extremes=(40, (32, 18)),
 )
 """Every step to its end in a minute of Triton's interpreter; its numbers mean nothing."""
 

@@ -42,6 +42,7 @@ from proof import (
 from room import candidates, scene
 from step_times import peak_gib, profiled_step, reset_peak, timed_steps, wait_for
 
+from fvs_engine.errors import DeviceMemoryError
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.losses import photometric_loss, photometric_loss_torch, ssim_map
 from fvs_engine.splat.raster import Rasterizer, SquaringRasterizer, create_rasterizer
@@ -250,11 +251,34 @@ def extremes(step: Step) -> None:
                 if tensor.grad is not None:
                     row["good"] &= bool(torch.isfinite(tensor.grad).all())
             row["peak GiB"] = peak_gib(device)
+    if device.type == "cuda":
+        with step.part("memory runs out") as row:
+            _run_out_of_memory(step, row)
 
 
 STEPS: dict[str, Callable[[Step], None]] = {
     step.__name__: step for step in (parity, tf32, optimiser, training, steps, kernels, scores, extremes)
 }
+
+
+def _run_out_of_memory(step: Step, row: Found) -> None:
+    """Training that needs more than it may have says so, and leaves a device that works."""
+    reset_peak(step.rasterizer.device)
+    count, degree = step.extent.counts[1]
+    torch.cuda.set_per_process_memory_fraction(2**29 / torch.cuda.get_device_properties(0).total_memory)
+    row["good"] = False
+    try:
+        timed_steps(step.rasterizer, step.extent, count, degree)
+    except DeviceMemoryError as error:
+        row |= {"good": True, "said": str(error)}
+    finally:
+        torch.cuda.set_per_process_memory_fraction(1.0)
+    reset_peak(step.rasterizer.device)
+    (view,) = candidates(1, 64, 48)
+    model = scene(100).to(step.rasterizer.device)
+    row["held GiB"] = peak_gib(step.rasterizer.device)
+    image = step.rasterizer.render(model, view.camera, view.camera_from_model).color
+    row["good"] &= bool(torch.isfinite(image).all())
 
 
 def _extremes(extent: Extent) -> Iterator[tuple[str, Callable[[], Gaussians], tuple[int, int]]]:

@@ -40,20 +40,22 @@ step() { # seconds at most, name, backend, name of the result
     "$python" benchmarks/gpu/report.py "$work/steps" "$out" "$name"
 }
 
-check() { # run tests of the backends where they have a device
-    local splat=tests/fvs_engine/splat score=tests/fvs_engine/score lab=tests/fvs_engine/lab/baselines
-    local pytest=("$python" -m pytest -v --tb=short -p no:cacheprovider -W default --continue-on-collection-errors)
-    if [ ${#dry[@]} -gt 0 ]; then
-        pytest+=(--collect-only -q)
-    fi
-    "${pytest[@]}" -m cuda $splat/raster/test_agreement.py $score/test_spectral_median.py \
-        $score/test_median_log_magnitude.py $lab/test_information_gain.py $lab/test_coverage.py \
-        $score/selectors/test_interface.py
-    "${pytest[@]}" --ignore-glob='*/test_compile*.py' $splat/triton_kernels $splat/raster/test_triton.py
+check() { # tests of the backends, without fixtures that need other packages: FOLDER [OPTIONS] FILES
+    local folder=tests/fvs_engine/$1
+    shift
+    "$python" -m pytest -v --tb=short -p no:cacheprovider -W default --continue-on-collection-errors \
+        ${dry:+--collect-only -q} --rootdir . --confcutdir "$folder" "${@/#@/$folder/}"
+}
+
+checks() {
+    check splat -m cuda @raster/test_agreement.py
+    check splat --ignore-glob='*/test_compile*.py' --ignore-glob='*/test_launch.py' @triton_kernels
+    check score -m cuda @test_spectral_median.py @test_median_log_magnitude.py
+    check splat @raster/test_triton.py # compiles kernels of the CPU, too
 }
 
 if [ ${#dry[@]} -gt 0 ]; then
-    "$python" benchmarks/gpu/goldens.py --dry-run || exit
+    "$python" benchmarks/gpu/goldens.py --dry-run && "$python" benchmarks/gpu/launch.py || exit
 fi
 # While nothing is timed, gsplat compiles, if its source was brought in place of its wheel, and tests run.
 building='' testing=''
@@ -63,9 +65,8 @@ if [ -n "$wheels" ] && source=$(ls "$wheels"/gsplat-*.tar.gz 2>/dev/null); then
     building=$!
 fi
 step 60 machine none machine
-export -f check
-export python
-(timeout -k 5 150 bash -c "dry=(${dry[*]}); check") >"$out/tests.log" 2>&1 &
+export -f check checks
+python=$python dry=${dry[*]} timeout -k 5 150 bash -c checks >"$out/tests.log" 2>&1 &
 testing=$!
 for name in parity training; do step 100 $name triton; done
 for name in optimiser tf32 extremes; do step 60 $name triton; done

@@ -24,7 +24,7 @@ from fvs_engine.splat.trainer import Trainer
 from fvs_engine.splat.views import TrainingView
 
 _NEVER = 10**6
-_KERNELS, _PROFILED = 20, 4
+_KERNELS = 20
 _RUNTIME_CALLS = ("Synchronize", "cudaMemcpy", "cudaMalloc", "cudaHostAlloc", "LaunchKernel", "cudaFree")
 SYNCHRONISING = "called a synchronizing"
 """What torch's warnings of synchronisations say, but not the one that its debug mode is a prototype."""
@@ -121,7 +121,7 @@ def profiled_step(rasterizer: Rasterizer, extent: Extent, count: int, sh_degree:
     if rasterizer.device.type == "cuda":
         activities.append(ProfilerActivity.CUDA)
     with profile(activities=activities) as profiler:
-        for _ in range(_PROFILED):
+        for _ in range(extent.timed_steps):
             trainer._step(_NEVER)
         trainer._settle(0)
         wait_for(rasterizer.device)
@@ -133,10 +133,11 @@ def profiled_step(rasterizer: Rasterizer, extent: Extent, count: int, sh_degree:
     calls = [one for one in averages if any(part in one.key for part in _RUNTIME_CALLS)]
     return {
         "kernels µs": {
-            one.key[:60]: round(one.self_device_time_total / _PROFILED, 1) for one in kernels[:_KERNELS]
+            one.key[:60]: round(one.self_device_time_total / extent.timed_steps, 1)
+            for one in kernels[:_KERNELS]
         },
-        "all kernels µs": sum(one.self_device_time_total for one in kernels) / _PROFILED,
-        "calls": {one.key: one.count / _PROFILED for one in calls},
+        "all kernels µs": sum(one.self_device_time_total for one in kernels) / extent.timed_steps,
+        "calls": {one.key: one.count / extent.timed_steps for one in calls},
     }
 
 

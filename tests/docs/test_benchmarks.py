@@ -8,7 +8,7 @@ import pytest
 
 ROOT = Path(__file__).parents[2]
 OURS = ("fvs_engine", "fvs_service", "fvs_client")
-PROGRAMS = sorted([*ROOT.glob("benchmarks/*.py"), *ROOT.glob("demo/*.py")])
+PROGRAMS = sorted([*ROOT.glob("benchmarks/**/*.py"), *ROOT.glob("demo/*.py")])
 
 
 @pytest.mark.parametrize("program", PROGRAMS, ids=lambda program: program.name)
