@@ -67,7 +67,7 @@ def main() -> None:
     tensors |= {f"densified.{name}": tensor for name, tensor in densified(cpu, extent).items()}
     tensors |= _photographs(extent, cpu, arguments.model, arguments.images, facts)
     save_file(tensors, extent.goldens, {"facts": json.dumps(facts)})
-    training = trained(cpu, extent, resumed=True)
+    training = trained(cpu, extent)
     facts |= {"psnr_db": training.psnr_db, "gaussians": len(training.gaussians)}
     save_file(tensors, extent.goldens, {"facts": json.dumps(facts)})
     size_mb = extent.goldens.stat().st_size / 1e6

@@ -234,13 +234,20 @@ class Training:
     gaussians: Gaussians
 
 
-def trained(rasterizer: Rasterizer, extent: Extent, *, resumed: bool) -> Training:
-    """Train on the photographs but every eighth, with densification; ``resumed``: through a file, halfway."""
+def trained(
+    rasterizer: Rasterizer, extent: Extent, *, resumed: bool = True, cramped: bool = False
+) -> Training:
+    """Train on the photographs but every eighth, with densification.
+
+    ``resumed``: saved and loaded halfway. ``cramped``: a device has room for one hit at first.
+    """
     goldens, settings = Goldens.read(extent), extent.settings
     training, held_out = _split(goldens.views())
     points, colors = goldens.tensors["points"].numpy(), goldens.tensors["point_colors"].numpy()
     start = initialise_from_points(points.astype(np.float64), colors, settings.sh_degree)
     trainer = Trainer(training, start, settings, rasterizer)
+    if cramped and trainer._guard is not None:
+        trainer._guard.capacity = 1
     trainer.train(settings.iterations // 2, Monitor())
     if resumed:
         with tempfile.TemporaryDirectory() as folder:

@@ -6,6 +6,7 @@ Joins the files of the folder STEPS to OUT/proof.json and, to be read, OUT/proof
 import json
 import sys
 from pathlib import Path
+from typing import Any
 
 _HIDDEN = ("good", "traceback", "details")
 
@@ -20,8 +21,22 @@ def main() -> None:
     for name, found in steps.items():
         lines.append(f"{_verdict(found)} {name}")
         lines += [f"        {key}: {_shown(value)}" for key, value in found.items() if key not in _HIDDEN]
+    lines += [""] + [
+        f"step ms, {count}: " + ", ".join(f"{name} {row['step ms']:.3g}" for name, row in rows.items())
+        for count, rows in _steps_by_count(steps).items()
+    ]
     (out / "proof.txt").write_text("\n".join(lines) + "\n", encoding="utf-8")
     print(f"{_verdict(steps[last])} {last}, {steps[last].get('took s', 0):.0f} s", flush=True)
+
+
+def _steps_by_count(steps: dict[str, dict[str, Any]]) -> dict[str, dict[str, dict[str, float]]]:
+    """The timed steps of all backends beside each other."""
+    counts: dict[str, dict[str, dict[str, float]]] = {}
+    for name, found in steps.items():
+        for count, row in found.items():
+            if isinstance(row, dict) and "step ms" in row:
+                counts.setdefault(count, {})[name.removeprefix("steps-")] = row
+    return counts
 
 
 def _verdict(found: dict[str, object]) -> str:
