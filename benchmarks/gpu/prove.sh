@@ -60,8 +60,8 @@ fi
 # While nothing is timed, gsplat compiles, if its source was brought in place of its wheel, and tests run.
 building='' testing=''
 if [ -n "$wheels" ] && source=$(ls "$wheels"/gsplat-*.tar.gz 2>/dev/null); then
-    TORCH_CUDA_ARCH_LIST=${TORCH_CUDA_ARCH_LIST:-9.0} MAX_JOBS=${MAX_JOBS:-10} nice timeout -k 5 270 \
-        "${install[@]}" --no-build-isolation "$source" >"$out/gsplat-build.log" 2>&1 &
+    PATH=$work/site/bin:$PATH TORCH_CUDA_ARCH_LIST=${TORCH_CUDA_ARCH_LIST:-9.0} MAX_JOBS=${MAX_JOBS:-10} \
+        nice timeout -k 5 270 "${install[@]}" --no-build-isolation "$source" >"$out/gsplat-build.log" 2>&1 &
     building=$!
 fi
 step 60 machine none machine
