@@ -373,3 +373,4 @@ def test_control_points_align_the_next_update(service: Any, modelled: str, tmp_p
     assert aligned["alignment"]["scale"] == pytest.approx(10.0, rel=0.01)
     assert aligned["control"]["check_rms_m"] < 0.1
     assert service.client.delete(path).status_code == 204
+    service.finish(service.start(modelled))  # the scene of the other tests is in the model's frame again
