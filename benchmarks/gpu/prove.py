@@ -247,7 +247,7 @@ def extremes(step: Step) -> None:
             loss, gradient = photometric_loss(rendering.color, target, guard=StepGuard(device))
             rendering.color.backward(gradient)  # type: ignore[no-untyped-call]
             row["good"] = bool(torch.isfinite(rendering.color).all() & torch.isfinite(loss))
-            row["alpha"] = float(rendering.alpha.mean())
+            row["alpha"] = float(rendering.alpha.detach().mean())
             seen = rendering.radii_px > 0
             row["seen"] = int(seen.sum())
             for tensor in gaussians.tensors().values():
