@@ -126,6 +126,7 @@ def test_training_is_that_of_the_cpu_and_room_for_hits_changes_no_bit(
         torch.testing.assert_close(numbers(ample)[name], tensor, rtol=1e-3, atol=1e-3, msg=name)
 
 
+@pytest.mark.system
 def test_a_loss_that_is_not_finite_changes_nothing(
     triton: TritonRasterizer, views: tuple[TrainingView, ...]
 ) -> None:
@@ -141,6 +142,7 @@ def test_a_loss_that_is_not_finite_changes_nothing(
         torch.testing.assert_close(tensor, before[name], rtol=0, atol=0, equal_nan=True, msg=name)
 
 
+@pytest.mark.system
 def test_a_cancelled_training_has_no_step_in_flight(
     triton: TritonRasterizer, views: tuple[TrainingView, ...], ample: Trainer
 ) -> None:
