@@ -8,7 +8,13 @@ import torch
 
 from fvs_engine.errors import DeviceMemoryError
 
-_SAID_OTHERWISE = ("CUDA error: out of memory", "Triton Error [CUDA]: out of memory", "CUFFT_ALLOC_FAILED")
+_SAID_OTHERWISE = (
+    "CUDA error: out of memory",
+    "CUDA driver error: out of memory",
+    "Triton Error [CUDA]: out of memory",
+    "CUFFT_ALLOC_FAILED",
+    "CUBLAS_STATUS_ALLOC_FAILED",
+)
 """What says that a GPU has no memory left, beside torch's ``OutOfMemoryError``."""
 
 

@@ -1,6 +1,8 @@
 """The CUDA device that the backends of GPUs run on, and why there is none."""
 
 import os
+import threading
+from typing import Any
 
 import torch
 
@@ -40,4 +42,27 @@ def cuda_device() -> torch.device:
             hint="It needs a C compiler and Python's headers (Debian: gcc libc6-dev python3-dev), or use the "
             "backend 'cpu'.",
         ) from error
+    load_kernels_one_at_a_time()
     return torch.device("cuda")
+
+
+def load_kernels_one_at_a_time() -> None:
+    """Let no thread launch a kernel that another one is just loading onto the device.
+
+    Triton shows how to launch a kernel before it has its function, for as long as the driver loads that. A
+    thread that comes meanwhile launches None: a ranking, say, beside a training (triton-lang/triton#11518).
+    """
+    from triton.compiler import CompiledKernel
+
+    CompiledKernel.run = property(_loaded)
+
+
+_loading = threading.RLock()
+
+
+def _loaded(kernel: Any) -> Any:
+    """What launches a kernel: ``CompiledKernel.run``."""
+    if kernel.function is None:
+        with _loading:
+            kernel._init_handles()  # returns at once where another thread has loaded it
+    return kernel._run

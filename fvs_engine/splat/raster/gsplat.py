@@ -111,8 +111,9 @@ def _radii_px(meta: Mapping[str, Tensor], camera: PinholeCamera) -> Tensor:
     reach = (2 * (opacities / ALPHA_MIN).log().clamp_min(0)).sqrt()
     half_sides = reach[:, None] * (torch.stack([c, a], dim=-1) / (a * c - b * b)[:, None]).sqrt()
     centers = meta["means2d"][0]
-    size = centers.new_tensor([camera.width, camera.height])
-    on_screen = ((centers + half_sides > 0) & (centers - half_sides < size)).all(-1)
+    # A tensor of both sides would be copied to the device, and the host would wait for it.
+    first, last = centers - half_sides, centers + half_sides
+    on_screen = (last > 0).all(-1) & (first[:, 0] < camera.width) & (first[:, 1] < camera.height)
     radii = meta["radii"][0]
     seen = (radii > 0).all(-1) & on_screen & (opacities >= ALPHA_MIN)
     return torch.where(seen, half_sides.amax(-1), half_sides.new_zeros(()))

@@ -82,6 +82,7 @@ def bin_hits(
     torch.cumsum(counts, 0, dtype=torch.int64, out=starts[1:])
     if capacity is None:
         capacity = int(starts[-1])
+        guards.check_hits(capacity)
 
     # Fewer bits take fewer passes of the sort, which knows only signed ones.
     kind, tile_zero = (torch.int16, -(1 << 15)) if tiles < 1 << 16 else (torch.int32, 0)

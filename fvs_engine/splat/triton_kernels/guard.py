@@ -13,6 +13,8 @@ from dataclasses import dataclass
 import torch
 from torch import Tensor
 
+from fvs_engine.errors import DeviceMemoryError
+
 REASON, HITS_NEEDED = 0, 1
 GUARD_SIZE = 2
 
@@ -24,10 +26,22 @@ HALTED_NOT_FINITE = 2
 _SPARE = 1.25
 """Room for this multiple of the hits that were needed."""
 
+MOST_HITS = (1 << 31) - (1 << 17)
+"""Kernels count hits in int32, up to a stride of their programs past the last; torch sorts no more either."""
+
 
 def new_guard(device: torch.device) -> Tensor:
     """A guard that is not set."""
     return torch.zeros(GUARD_SIZE, dtype=torch.int32, device=device)
+
+
+def check_hits(needed: int) -> None:
+    """Raise ``DeviceMemoryError`` for more hits than kernels can count."""
+    if needed > MOST_HITS:
+        raise DeviceMemoryError(
+            f"An image, or those rendered at once, would need {needed} hits of Gaussians in tiles.",
+            hint="Use smaller images, or a model whose Gaussians are smaller or fewer.",
+        )
 
 
 @dataclass(frozen=True)
@@ -52,7 +66,8 @@ class StepGuard:
 
     def make_room(self, needed: int) -> None:
         """Make room for more than ``needed`` hits, from the next image on."""
-        self.capacity = max(self.capacity or 0, int(_SPARE * needed) + 1)
+        check_hits(needed)
+        self.capacity = max(self.capacity or 0, min(int(_SPARE * needed) + 1, MOST_HITS))
 
     def reset(self) -> None:
         """Let steps change the model again."""

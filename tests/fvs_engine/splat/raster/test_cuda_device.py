@@ -1,12 +1,16 @@
 """Where the backends of GPUs cannot run, a sentence says why."""
 
 import sys
+import threading
+import time
+from typing import Any
 
 import pytest
 import torch
 
 from fvs_engine.errors import BackendUnavailableError
 from fvs_engine.splat.raster import create_rasterizer
+from fvs_engine.splat.raster.cuda_device import load_kernels_one_at_a_time
 
 BACKENDS = ["triton", "gsplat"]
 
@@ -52,3 +56,29 @@ def test_no_compiler_for_triton(monkeypatch: pytest.MonkeyPatch) -> None:
     error = refused("triton")
     assert "Triton cannot use the CUDA device: Failed to find C compiler" in error.message
     assert "python3-dev" in error.hint
+
+
+def test_a_kernel_is_launched_only_when_it_is_loaded(monkeypatch: pytest.MonkeyPatch) -> None:
+    compiler = pytest.importorskip("triton.compiler")
+    monkeypatch.setattr(compiler.CompiledKernel, "run", compiler.CompiledKernel.run)
+    load_kernels_one_at_a_time()
+    loading = threading.Event()
+
+    class Kernel(compiler.CompiledKernel):  # type: ignore[misc, name-defined]
+        def __init__(self) -> None:
+            self.function: Any = None
+            self._run: Any = None
+
+        def _init_handles(self) -> None:
+            if self.function is None:
+                self._run = print
+                loading.set()
+                time.sleep(0.05)
+                self.function = 1
+
+    kernel = Kernel()
+    other = threading.Thread(target=lambda: kernel.run)
+    other.start()
+    loading.wait()
+    assert (kernel.run, kernel.function) == (print, 1)
+    other.join()

@@ -8,6 +8,7 @@ import torch
 from projected_splats import DEVICE, project_scenes, projected
 from raster_scenes import SCENES, SMALL_CAMERA, build_few
 
+from fvs_engine.errors import DeviceMemoryError
 from fvs_engine.splat.conventions import (
     ALPHA_MIN,
     CENTER_X,
@@ -26,12 +27,14 @@ from fvs_engine.splat.conventions import (
     WIDTH,
 )
 from fvs_engine.splat.triton_kernels import binning
+from fvs_engine.splat.triton_kernels import guard as guard_module
 from fvs_engine.splat.triton_kernels.binning import BLOCK, bin_hits
 from fvs_engine.splat.triton_kernels.guard import (
     HALTED_NOT_FINITE,
     HALTED_OVERFLOW,
     HITS_NEEDED,
     REASON,
+    StepGuard,
     new_guard,
 )
 from fvs_engine.splat.triton_kernels.tiles import TILE_HEIGHT, TILE_WIDTH, tile_counts
@@ -184,3 +187,23 @@ def test_a_guard_that_is_set_keeps_its_reason_and_the_largest_need():
     guard[REASON], guard[HITS_NEEDED] = HALTED_NOT_FINITE, 5
     bin_hits(splats, (100, 80), 0, guard)
     assert guard.tolist() == [HALTED_NOT_FINITE, 5]
+
+
+def test_a_splat_that_another_rounding_moves_behind_the_image_has_no_hits():
+    far = round_splat(2e9, 40.0, 1e3)
+    far[EXTENT_X] = 1.9999e9  # it begins 100,000 px behind the image
+    splats = projected(torch.stack([far, round_splat(50.0, 40.0, 1e4)])[None], torch.ones(1, 2))
+    hits = bin_hits(splats, (100, 80))
+    assert hits.starts.tolist() == [0, 0, 70]
+
+
+def test_more_hits_than_kernels_count(monkeypatch):
+    splats = projected(round_splat(50.0, 40.0, 1e4)[None, None], torch.ones(1, 1))
+    monkeypatch.setattr(guard_module, "MOST_HITS", 69)
+    with pytest.raises(DeviceMemoryError, match="70 hits"):
+        bin_hits(splats, (100, 80))
+    guard = StepGuard(DEVICE)
+    guard.make_room(60)
+    assert guard.capacity == 69
+    with pytest.raises(DeviceMemoryError, match="70 hits"):
+        guard.make_room(70)
