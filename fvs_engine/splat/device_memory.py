@@ -25,7 +25,7 @@ _TARGET_PIXEL_BYTES = 3 + 4
 """A photograph, and its mask."""
 _TRAINING_PIXEL_BYTES = 160
 """Image, gradient, and the maps of the loss."""
-_RENDERED_PIXEL_BYTES = 96
+_RENDERED_PIXEL_BYTES = 200
 """Colour, alpha, a copy in planes, its spectrum, and the workspace of the Fourier transform."""
 
 
