@@ -79,7 +79,12 @@ testing=$!
 for name in parity training; do step 100 $name triton; done
 for name in optimiser tf32 extremes; do step 60 $name triton; done
 wait $testing
-grep -aE '^(FAILED|ERROR)|^=+ .*(passed|failed|error|collected|selected)' "$out/tests.log" | tail -20
+passed=$(grep -ac ' PASSED ' "$out/tests.log")
+failed=$(grep -acE ' (FAILED|ERROR) |^ERROR|^ImportError' "$out/tests.log")
+good=false
+if [ "$failed" = 0 ] && [ $((passed + ${#dry[@]})) -gt 0 ]; then good=true; fi
+echo "{\"good\": $good, \"passed\": $passed, \"failed\": $failed}" >"$work/steps/tests.json"
+"$python" benchmarks/gpu/report.py "$work/steps" "$out" tests
 for name in steps scores; do step 75 $name triton; done
 step 45 kernels triton
 [ -z "$building" ] || wait $building
