@@ -16,7 +16,8 @@ from fvs_engine.lab.simulate.mavlink.flight_state import Faults, Mode
 pytestmark = pytest.mark.process
 
 
-@pytest.mark.parametrize("firmware", ["ardupilot", pytest.param("px4", marks=pytest.mark.system)])
+@pytest.mark.system
+@pytest.mark.parametrize("firmware", ["ardupilot", "px4"])
 def test_a_vehicle_flies_from_view_to_view(
     simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path, firmware: str
 ) -> None:

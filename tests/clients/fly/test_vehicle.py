@@ -29,7 +29,7 @@ def captured(vehicle: Vehicle, count: int) -> list[Any]:
     return found
 
 
-@pytest.mark.parametrize("firmware", ["ardupilot", "px4"])
+@pytest.mark.parametrize("firmware", ["ardupilot", pytest.param("px4", marks=pytest.mark.system)])
 def test_a_survey_is_flown_and_photographed(simulated: Any, firmware: str) -> None:
     with simulated(firmware=firmware) as simulator, Vehicle(simulator.url) as vehicle:
         assert vehicle.dialect.autopilot == firmware

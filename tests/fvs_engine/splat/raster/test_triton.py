@@ -110,6 +110,7 @@ def test_the_squared_jacobian_is_that_of_the_cpu(
         torch.testing.assert_close(getattr(found, name).cpu(), wanted, rtol=1e-3, atol=1e-4 * largest)
 
 
+@pytest.mark.system
 def test_training_is_that_of_the_cpu_and_room_for_hits_changes_no_bit(
     triton: TritonRasterizer, views: tuple[TrainingView, ...], ample: Trainer
 ) -> None:

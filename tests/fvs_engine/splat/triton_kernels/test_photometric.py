@@ -8,6 +8,12 @@ from fvs_engine.splat.triton_kernels.guard import HALTED_NOT_FINITE, HALTED_OVER
 from fvs_engine.splat.triton_kernels.photometric import photometric
 
 
+@pytest.fixture(autouse=True)
+def few_rows(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A program takes as many rows as the images have: in the interpreter it computes them all."""
+    monkeypatch.setattr(photometric_kernels, "_ROWS", 12)
+
+
 def images(height: int, width: int, device: torch.device) -> tuple[Tensor, Tensor]:
     draw = torch.Generator().manual_seed(0)
     target = torch.randint(0, 256, (height, width, 3), generator=draw, dtype=torch.uint8)
