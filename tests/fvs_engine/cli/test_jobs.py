@@ -70,7 +70,11 @@ def test_the_options_that_help_are_named_with_their_kind_of_error_alone(
         assert capsys.readouterr().err.splitlines() == ["Error: No model.", expected]
 
 
-def test_what_the_engine_logs_is_json_for_machines_too(capsys: pytest.CaptureFixture[str]) -> None:
+def test_what_the_engine_logs_is_json_for_machines_too(
+    capsys: pytest.CaptureFixture[str], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr(logging.getLogger(), "handlers", [])  # commands of the service leave one
+
     def job(_monitor: Monitor) -> None:
         logging.getLogger("fvs_engine.compilation.ahead").warning("Compiling failed (%s).", "no disk")
 
