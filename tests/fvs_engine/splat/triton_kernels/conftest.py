@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import pytest
 import torch
-from raster_scenes import SCENES, Scene, build_scene
+from raster_scenes import FOR_THE_INTERPRETER, Scene, build_scene
 from torch import Tensor
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
@@ -17,7 +17,7 @@ def device() -> torch.device:
     return torch.device("cuda" if torch.cuda.is_available() else "cpu")
 
 
-@pytest.fixture(params=SCENES)
+@pytest.fixture(params=FOR_THE_INTERPRETER)
 def scene(request: pytest.FixtureRequest) -> Scene:
     return build_scene(request.param)
 

@@ -6,7 +6,7 @@ from itertools import pairwise
 import pytest
 import torch
 from projected_splats import DEVICE, project_scenes, projected
-from raster_scenes import SCENES, SMALL_CAMERA, build_few
+from raster_scenes import FOR_THE_INTERPRETER, SMALL_CAMERA, build_few
 
 from fvs_engine.errors import DeviceMemoryError
 from fvs_engine.splat.conventions import (
@@ -57,7 +57,7 @@ def least_exponents(record, columns, rows):
     return ((a * (dx - k * dy)) ** 2 + (b * dy) ** 2).amin((1, 3))
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", FOR_THE_INTERPRETER)
 def test_tiles_list_front_to_back_what_touches_them(name):
     few = project_scenes(build_few(name))
     records, radii = few.records.cpu(), few.radii.cpu()

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 import torch
 from projected_splats import flat_splats, packed_view, project_scenes, rasterize_scene
-from raster_scenes import SCENES, SMALL_CAMERA, build_few
+from raster_scenes import FOR_THE_INTERPRETER, SMALL_CAMERA, build_few
 
 from fvs_engine.splat.conventions import (
     CENTER_X,
@@ -99,7 +99,7 @@ def parameter_gradients(scene, gradients):
     return dict(zip(scene.gaussians.tensors(), map(torch.from_numpy, outputs), strict=True))
 
 
-@pytest.mark.parametrize("name", SCENES)
+@pytest.mark.parametrize("name", FOR_THE_INTERPRETER)
 def test_gradients_agree(name):
     scenes = build_few(name)[: 2 if name == "needles" else 1]
     weights = weights_of(scenes)

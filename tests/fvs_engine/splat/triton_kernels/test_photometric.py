@@ -60,7 +60,7 @@ def test_nothing_is_lost_where_the_mask_is_zero(device: torch.device) -> None:
     assert not gradient[mask[..., 0] == 0].any()
 
 
-@pytest.mark.parametrize("level", [0.1, 0.9])
+@pytest.mark.parametrize("level", [0.1, pytest.param(0.9, marks=pytest.mark.system)])
 def test_faint_detail_is_seen_as_well_as_on_the_cpu(level: float, device: torch.device) -> None:
     y, x = torch.meshgrid(torch.linspace(0, 1, 12), torch.linspace(0, 1, 42), indexing="ij")
     smooth = (level + 0.05 * torch.sin(3 * x + 2 * y))[..., None].expand(12, 42, 3)

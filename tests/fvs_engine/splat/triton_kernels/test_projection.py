@@ -5,7 +5,7 @@ from dataclasses import replace
 
 import pytest
 import torch
-from raster_scenes import CAMERA, SCENES, build_scene, random_splats
+from raster_scenes import CAMERA, FOR_THE_INTERPRETER, build_scene, random_splats
 from torch import Tensor
 
 from fvs_engine.geometry import PinholeCamera, RigidTransform
@@ -20,7 +20,9 @@ AsCameras = Callable[..., Tensor]
 SIZE = (CAMERA.width, CAMERA.height)
 POSE = RigidTransform.identity()
 AT_RIGHT = RigidTransform(POSE.rotation, POSE.translation - [0.5, 0.0, 0.2])
-of_every_scene = pytest.mark.parametrize("name", [name for name in SCENES if name != "one pixel"])
+of_every_scene = pytest.mark.parametrize(
+    "name", [name for name in FOR_THE_INTERPRETER if name != "one pixel"]
+)
 
 
 def some(count: int = 40, sh_degree: int = 3) -> Gaussians:

@@ -46,7 +46,7 @@ def squared(
     return dict(zip(NAMES, (tensor.cpu() for tensor in found), strict=True))
 
 
-@pytest.mark.parametrize("degree", [0, 1, 3])
+@pytest.mark.parametrize("degree", [0, pytest.param(1, marks=pytest.mark.system), 3])
 def test_squares_are_those_of_the_reference(gaussians, degree, device, as_cameras: AsCameras):
     found = squared(gaussians, device, as_cameras, degree)
     exact = Gaussians(
