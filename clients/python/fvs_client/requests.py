@@ -138,7 +138,7 @@ def remove_mask(scene_id: str, digest: str) -> Request:
 def set_subtitles(scene_id: str, digest: str, subtitles: bytes) -> Request:
     """Send the subtitles of a video, before the video."""
     path = f"{images_of(scene_id)}/{_part(digest)}/subtitles"
-    return Request("PUT", path, {}, {"Content-Type": "application/x-subrip"}, body=subtitles)
+    return Request("PUT", path, {}, {"Content-Type": "application/octet-stream"}, body=subtitles)
 
 
 def delete_image(scene_id: str, digest: str) -> Request:

@@ -53,7 +53,6 @@ _ContentDigest = Annotated[str | None, Header(alias="Content-Digest", descriptio
 _BINARY: dict[str, Any] = {"schema": {"type": "string", "format": "binary"}}
 _PUT: dict[str, Any] = {"requestBody": {"required": True, "content": {"application/octet-stream": _BINARY}}}
 _MASK: dict[str, Any] = {"requestBody": {"required": True, "content": {"image/png": _BINARY}}}
-_SUBTITLES: dict[str, Any] = {"requestBody": {"required": True, "content": {"application/x-subrip": _BINARY}}}
 _BYTES = {"content": dict.fromkeys(sorted({*MEDIA_TYPES.values()}), _BINARY)}
 _CONTENT: dict[int | str, dict[str, Any]] = {
     200: {"description": "The whole image.", **_BYTES},
@@ -157,7 +156,7 @@ def remove_mask(app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex) -
     "/images/sha256:{hexadecimal:plain}/subtitles",
     status_code=204,
     response_class=Response,
-    openapi_extra=_SUBTITLES,
+    openapi_extra=_PUT,
 )
 async def set_subtitles(
     app: App, caller: SceneUploader, scene_id: SceneId, hexadecimal: Hex, request: Request

@@ -337,7 +337,7 @@ def test_frames_of_a_video_outlive_their_runner(service: Any, tmp_path: Path) ->
     service.finish(job)
     video, *taken = images()
     assert video["frames"] == len(taken) == len({image["name"] for image in taken}) == 40
-    assert not list(service.root.glob(f"scenes/{scene}/outcome/*"))
+    _until(lambda: not list(service.root.glob(f"scenes/{scene}/outcome/*")))
 
 
 def test_control_points_align_the_next_update(service: Any, modelled: str, tmp_path: Path) -> None:

@@ -21,7 +21,7 @@ from fvs_schema.videos import find_subtitles, is_video
 _ACCEPTED = "accepted"
 _USABLE = frozenset({_ACCEPTED, "duplicate", "video"})
 _INVALID, _CONFLICT = "invalid-request", "conflict"
-_SRT = {"Content-Type": "application/x-subrip"}
+_SRT = {"Content-Type": "application/octet-stream"}
 _CORRECT = "Correct its metadata, in its sidecar if it has one: then it is sent."
 
 
