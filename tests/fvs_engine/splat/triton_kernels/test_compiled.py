@@ -39,7 +39,7 @@ def test_hits_are_those_of_the_interpreter(monkeypatch, capacity):
         ("opaque", False, 90),
         ("one pixel", False, 90),
         ("edge", True, 80),
-        ("edge", False, 90),
+        ("edge", False, 100),
     ],
 )
 def test_images_and_gradients_agree(monkeypatch, name, all_images, capability):
