@@ -121,6 +121,6 @@ class BackendUnavailableError(EngineError):
 
 
 class DeviceMemoryError(EngineError):
-    """A GPU has no memory left for what is to be trained or rendered."""
+    """The GPU has too little memory for a training or a rendering."""
 
     code = "device-memory"

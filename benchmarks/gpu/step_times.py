@@ -142,7 +142,7 @@ def profiled_step(rasterizer: Rasterizer, extent: Extent, count: int, sh_degree:
 
 
 class Watch:
-    """Events around parts of what runs on a device; by the clock on a CPU."""
+    """CUDA events around the parts of a step; wall-clock times on a CPU."""
 
     def __init__(self, device: torch.device) -> None:
         self._device = device
@@ -210,7 +210,7 @@ def wait_for(device: torch.device) -> None:
 
 
 def reset_peak(device: torch.device) -> None:
-    """Forget what was held at most, and give back what is not held."""
+    """Empty the cache of the allocator and reset the peak of its memory."""
     gc.collect()
     if device.type == "cuda":
         torch.cuda.empty_cache()
@@ -218,7 +218,7 @@ def reset_peak(device: torch.device) -> None:
 
 
 def allocated_gib(device: torch.device) -> float:
-    """What is held now."""
+    """Memory that is allocated now."""
     return torch.cuda.memory_allocated() / 2**30 if device.type == "cuda" else 0.0
 
 

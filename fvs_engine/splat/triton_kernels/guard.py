@@ -79,7 +79,7 @@ class StepGuard:
 
 
 class PendingReport:
-    """A report on its way from the device: int32 ``words`` [3], the first the bits of the loss."""
+    """A report that is being copied from the device: int32 ``words`` [3], the first the bits of the loss."""
 
     def __init__(self, words: Tensor) -> None:
         self._arrived = None
