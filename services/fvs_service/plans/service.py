@@ -10,7 +10,6 @@ from fvs_engine.geometry import RigidTransform
 from fvs_engine.geometry.ground import GroundCheck
 from fvs_engine.plan import plan_records as engine_records
 from fvs_engine.plan.plan_warnings import ground_findings
-from fvs_engine.snapshot_cameras import usual_camera
 from fvs_schema.base import Page
 from fvs_schema.candidates import InVolume, wanted_of
 from fvs_schema.events import EventKind
@@ -23,10 +22,10 @@ from fvs_service.ids import new_id
 from fvs_service.plans import repository
 from fvs_service.plans.in_world import via
 from fvs_service.principal import Principal, Scope
-from fvs_service.rankings.in_model import clearance, require_volumes
+from fvs_service.rankings.in_model import require_volumes
 from fvs_service.rankings.port import PlanViews, SceneRunners, UpdateQuality
 from fvs_service.rankings.pose_frames import poses_in
-from fvs_service.rankings.preparation import Begun, TakenPoses, taken_cameras
+from fvs_service.rankings.preparation import Begun, TakenPoses
 from fvs_service.rankings.snapshot_frames import SnapshotFrames, by_id
 from fvs_service.rankings.under_ground import kept
 from fvs_service.rankings.warnings import warnings_of
@@ -132,29 +131,10 @@ class Plans:
             earlier = _earlier(reader, principal, remembered)
             if earlier is not None:
                 return earlier
-            request = request.complete
             endpoint = find_endpoint(reader, scene_id)
             taken_poses = self._taken_poses(reader, scene_id, request.for_vehicle)
-        snapshot = self._frames.snapshot(principal, scene, request.snapshot_id)
-        frame = self._frames.frame(snapshot.id, scene.origin)
-        terrain = self._frames.terrain(request.terrain, snapshot.id, frame)
         self._require_room()
-        if isinstance(request.generator, InVolume):
-            self._frames.require_few(request.generator.count)
-        return Begun(
-            principal=principal,
-            request=request,
-            scene=scene,
-            endpoint=endpoint,
-            snapshot=snapshot,
-            frame=frame,
-            geometry=self._frames.geometry(snapshot.id),
-            camera=usual_camera(self._frames.cameras(snapshot.id)),
-            taken=taken_cameras(frame, taken_poses),
-            terrain=terrain,
-            timeout_s=timeout_s,
-            remembered=remembered,
-        )
+        return Begun.of(self._frames, principal, request, scene, endpoint, taken_poses, timeout_s, remembered)
 
     def _prepare(
         self, begun: Begun[PlanRequest], found: Mapping[str, RigidTransform] | None, spent_s: float
@@ -189,7 +169,7 @@ class Plans:
             api_key=begun.principal.key_id,
             timeout_s=max(0.0, begun.timeout_s - spent_s),
             views=frame.views(left, begun.camera),
-            clearance=clearance(request.safety_m, request.no_fly, frame) if request.around else None,
+            clearance=begun.clearance if request.around else None,
             targets=frame.views(served, begun.camera),
             taken=frame.views(begun.taken, begun.camera),
             starts=tuple(tuple(view.centre.tolist()) for view in frame.views(starts, begun.camera)),

@@ -4,7 +4,7 @@ import time
 from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
-from typing import Generic, TypeAlias, TypeVar
+from typing import Generic, Self, TypeAlias, TypeVar
 
 import numpy as np
 from anyio.to_thread import run_sync
@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from fvs_engine import candidates as engine
 from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.geometry.ground import GroundCheck
+from fvs_engine.snapshot_cameras import usual_camera
 from fvs_schema.candidates import CandidateStatus, InVolume
 from fvs_schema.plans import PlanRequest
 from fvs_schema.poses import FramePose, VehiclePose
@@ -21,9 +22,10 @@ from fvs_schema.snapshots import Snapshot
 from fvs_schema.terrain import Terrain
 from fvs_service.principal import Principal
 from fvs_service.rankings.in_model import clearance, views_in_volume
-from fvs_service.rankings.port import GenerateViews, RankViews, SceneRunners
+from fvs_service.rankings.port import Clearance, GenerateViews, RankViews, SceneRunners
 from fvs_service.rankings.pose_frames import in_world, poses_in
 from fvs_service.rankings.scene_geometry import SceneGeometry
+from fvs_service.rankings.snapshot_frames import SnapshotFrames
 from fvs_service.rankings.under_ground import ground_check
 from fvs_service.scenes.poses import WorldFrame
 from fvs_service.scenes.repository import SceneHead
@@ -75,6 +77,50 @@ class Begun(Generic[RequestT]):
     timeout_s: float
     remembered: IdempotencyKey
 
+    @classmethod
+    def of(
+        cls,
+        frames: SnapshotFrames,
+        principal: Principal,
+        request: RequestT,
+        scene: SceneHead,
+        endpoint: str | None,
+        taken_poses: Sequence[FramePose | VehiclePose],
+        timeout_s: float,
+        remembered: IdempotencyKey,
+    ) -> Self:
+        """Begin with the snapshot of a request, and with its default generator where it has no candidates.
+
+        Raises ``NoSnapshotError``, ``NotFoundError`` for an unknown snapshot, and ``InvalidRequestError`` for
+        geodetic poses or a terrain that the scene cannot have, and for too many candidates.
+        """
+        request = request.complete
+        snapshot = frames.snapshot(principal, scene, request.snapshot_id)
+        frame = frames.frame(snapshot.id, scene.origin)
+        if request.frame == "geodetic":
+            frame.require_origin()
+        if isinstance(request.generator, InVolume):
+            frames.require_few(request.generator.count)
+        return cls(
+            principal=principal,
+            request=request,
+            scene=scene,
+            endpoint=endpoint,
+            snapshot=snapshot,
+            frame=frame,
+            geometry=frames.geometry(snapshot.id),
+            camera=usual_camera(frames.cameras(snapshot.id)),
+            taken=taken_cameras(frame, taken_poses),
+            terrain=frames.terrain(request.terrain, snapshot.id, frame),
+            timeout_s=timeout_s,
+            remembered=remembered,
+        )
+
+    @cached_property
+    def clearance(self) -> Clearance:
+        """Where vehicles may be, in the model frame; raises ``InvalidRequestError`` as ``generated``."""
+        return clearance(self.request.safety_m, self.request.no_fly, self.frame)
+
     async def generated(self, runners: SceneRunners) -> tuple[Mapping[str, RigidTransform], float]:
         """Candidates in the request's volume (id → world_from_camera), and the seconds that they took.
 
@@ -107,7 +153,7 @@ class Begun(Generic[RequestT]):
             api_key=self.principal.key_id,
             timeout_s=self.timeout_s,
             views=views_in_volume(request.generator, frame, self.geometry.up, self.camera),
-            clearance=clearance(request.safety_m, request.no_fly, frame),
+            clearance=self.clearance,
         )
 
 
@@ -143,7 +189,7 @@ class BegunRanking(Begun[RankingRequest]):
             timeout_s=max(0.0, self.timeout_s - spent_s),
             method=request.method,
             views=frame.views(scored, self.camera),
-            clearance=clearance(request.safety_m, request.no_fly, frame),
+            clearance=self.clearance,
             rank_all=request.rank_all,
             distances={name: distances[name] for name in scored if name in distances},
             taken=frame.views(self.taken, self.camera),

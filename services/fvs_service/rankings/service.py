@@ -31,7 +31,7 @@ from fvs_service.principal import Principal, Scope
 from fvs_service.rankings import repository
 from fvs_service.rankings.in_model import require_volumes
 from fvs_service.rankings.port import RankedViews, RenderView, SceneRunners, ViewImage
-from fvs_service.rankings.preparation import BegunRanking, PreparedRanking, TakenPoses, taken_cameras
+from fvs_service.rankings.preparation import BegunRanking, PreparedRanking, TakenPoses
 from fvs_service.rankings.snapshot_frames import SnapshotFrames
 from fvs_service.rankings.under_ground import kept
 from fvs_service.rankings.warnings import warnings_of
@@ -185,35 +185,17 @@ class Rankings:
                 return earlier
             endpoint = find_endpoint(reader, scene_id)
             taken_poses = self._taken_poses(reader, scene_id, request.for_vehicle)
-        snapshot = self._frames.snapshot(principal, scene, request.snapshot_id)
-        request = request.complete
-        frame = self._frames.frame(snapshot.id, scene.origin)
-        if request.frame == "geodetic":
-            frame.require_origin()
-        terrain = self._frames.terrain(request.terrain, snapshot.id, frame)
         self._require_room()
-        begun = BegunRanking(
-            principal=principal,
-            request=request,
-            scene=scene,
-            endpoint=endpoint,
-            snapshot=snapshot,
-            frame=frame,
-            geometry=self._frames.geometry(snapshot.id),
-            camera=usual_camera(self._frames.cameras(snapshot.id)),
-            taken=taken_cameras(frame, taken_poses),
-            terrain=terrain,
-            timeout_s=timeout_s,
-            remembered=remembered,
+        begun = BegunRanking.of(
+            self._frames, principal, request, scene, endpoint, taken_poses, timeout_s, remembered
         )
-        generator = request.generator
+        request, generator = begun.request, begun.request.generator
         if isinstance(generator, InVolume):
-            self._frames.require_few(generator.count)
             return begun
         poses = self._frames.candidates(
             request.candidates,
             generator,
-            frame,
+            begun.frame,
             begun.geometry,
             current=begun.current,
             radius_m=request.radius_m,
