@@ -44,7 +44,7 @@ def test_rankings_and_plans_become_missions(run: Run, gateway: Any, tmp_path: Pa
     options = ("--format", "dji-kmz", "--drone", "m30", "--in-the-air", "--finish", "hold", "--first", 1)
     document = json.loads(run("mission", ranking, *home, *options, "--out", out, "--json").stdout)
     kind = "application/vnd.google-earth.kmz"
-    assert document == {"file": str(out), "media_type": kind, "left_out": [], "reasons": []}
+    assert document == {"files": [str(out)], "media_type": kind, "left_out": [], "reasons": []}
     tour = tmp_path / "plan.json"
     tour.write_text(run("plan", scene, "--count", 8, "--views", 3, "--json").stdout)
     waypoints = tmp_path / "plan.waypoints"
@@ -60,6 +60,14 @@ def test_rankings_and_plans_become_missions(run: Run, gateway: Any, tmp_path: Pa
     assert _said(left) == f"Warning: {stop} is left out: {reason}.\n"
     left = run("mission", tour, *flown, "--out", out, "--leave-out", "--json")
     assert json.loads(left.stdout)["reasons"] == [reason]
+    one = ("mission", ranking, *home, "--format", "csv", "--first", 1, "--json", "--out", tmp_path / "cut")
+    alone = json.loads(run(*one, "--battery-distance", 1000).stdout)["files"]
+    assert alone == [str(tmp_path / "cut" / f"{ranking}-1-of-1.csv")]
+    halved = json.loads(run(*one[:-6], *one[-4:], "--format", "csv", "--battery-distance", 145).stdout)[
+        "files"
+    ]
+    assert [Path(file).name for file in halved] == [f"{ranking}-{part}-of-2.csv" for part in (1, 2)]
+    assert all(Path(file).is_file() for file in halved)
     assert "is no id of a ranking or plan" in run("mission", "nothing", expect=2).stderr
     for place in ("north", "nan,7.75", "46,7,inf", "46", "1,2,3,4"):
         assert "is not LAT,LON" in run("mission", ranking, "--home", place, expect=2).stderr

@@ -99,7 +99,7 @@ def mission_file(response: httpx2.Response) -> MissionFile:
     )
     if found is None:
         raise UnexpectedAnswerError("The answer is no file.", hint="Check the URL.")
-    left_out = response.headers.get("left-out", "")
+    left_out, parts = response.headers.get("left-out", ""), response.headers.get("mission-parts", "")
     try:
         reasons = _REASONS.validate_json(response.headers.get("left-out-reasons", "[]"))
     except pydantic.ValidationError:  # of another version of the service
@@ -108,6 +108,7 @@ def mission_file(response: httpx2.Response) -> MissionFile:
         name=found[1],
         media_type=response.headers.get("content-type", ""),
         content=response.content,
+        parts=int(parts) if parts.isascii() and parts.isdigit() else 1,
         left_out=tuple(left_out.split(",")) if left_out else (),
         reasons=reasons,
     )

@@ -22,6 +22,7 @@ _Height = Annotated[Number, Field(ge=-10_000, le=10_000)]
 _Geoid = Annotated[Number, Field(ge=-150, le=150)]
 _Speed = Annotated[Number, Field(ge=0.1, le=50)]
 _Radius = Annotated[Number, Field(ge=0.05, le=100)]
+_Distance = Annotated[Number, Field(ge=1, le=1_000_000)]
 _Hold = Annotated[Number, Field(ge=0, le=600)]
 
 
@@ -144,6 +145,15 @@ class MissionOptions(Input):
         description="Leave out the views that cannot be flown: `Left-Out` names them, and "
         "`Left-Out-Reasons` says why. Otherwise they are an error.",
     )
+    battery_distance_m: AsText[_Distance] | None = Field(
+        default=None,
+        description="The distance that the vehicle can fly on one battery. The views, in their order, are "
+        "cut into as few parts as possible; each begins and ends at home and is no longer than this, with "
+        "takeoff and landing. `Mission-Parts` says how many there are. Needs home and its altitude.",
+    )
+    part: Annotated[int, WHOLE] = Field(
+        default=1, ge=1, le=100_000, description="The part to write, counted from 1."
+    )
     speed_m_s: AsText[_Speed] = Field(default=5.0, description="The speed between views.")
     acceptance_radius_m: AsText[_Radius] = Field(
         default=1.0, description="How near to a waypoint it counts as reached."
@@ -176,6 +186,10 @@ class MissionOptions(Input):
         missing = [name for name in home if getattr(self, name) is None]
         if len(missing) == 1:
             raise of_fields("home_latitude_deg and home_longitude_deg belong together", *missing)
+        if self.battery_distance_m is not None and missing:
+            raise of_fields("parts of a mission begin and end at home, which is missing", *missing)
+        if self.battery_distance_m is not None and self.finish is not Finish.RETURN:
+            raise of_fields("parts of a mission end at home: the vehicle returns", "finish")
         lowest, highest = self.lowest_height_m, self.highest_height_m
         if lowest is not None and highest is not None and lowest >= highest:
             raise of_fields(
@@ -275,10 +289,14 @@ class MissionRequest(Input):
 
 @dataclass(frozen=True)
 class MissionFile:
-    """A mission as bytes, the ids of the views that are not in it, and why the first of those are not."""
+    """A mission as bytes, the ids of the views that are not in it, and why the first of those are not.
+
+    ``parts`` is the number of files that the mission is cut into, of which this is one.
+    """
 
     name: str
     media_type: str
     content: bytes
+    parts: int
     left_out: tuple[str, ...]
     reasons: tuple[str, ...]

@@ -219,7 +219,7 @@ class DeletePlanRequest(_message.Message):
     def __init__(self, plan_id: _Optional[str] = ...) -> None: ...
 
 class GetRankingMissionRequest(_message.Message):
-    __slots__ = ("ranking_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "above_ground")
+    __slots__ = ("ranking_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "above_ground", "battery_distance_m", "part")
     RANKING_ID_FIELD_NUMBER: _ClassVar[int]
     FORMAT_FIELD_NUMBER: _ClassVar[int]
     FIRST_FIELD_NUMBER: _ClassVar[int]
@@ -243,6 +243,8 @@ class GetRankingMissionRequest(_message.Message):
     AUTOPILOT_FIELD_NUMBER: _ClassVar[int]
     DRONE_FIELD_NUMBER: _ClassVar[int]
     ABOVE_GROUND_FIELD_NUMBER: _ClassVar[int]
+    BATTERY_DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
+    PART_FIELD_NUMBER: _ClassVar[int]
     ranking_id: str
     format: MissionFormat
     first: int
@@ -266,10 +268,12 @@ class GetRankingMissionRequest(_message.Message):
     autopilot: Autopilot
     drone: Drone
     above_ground: bool
-    def __init__(self, ranking_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., above_ground: _Optional[bool] = ...) -> None: ...
+    battery_distance_m: float
+    part: int
+    def __init__(self, ranking_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., above_ground: _Optional[bool] = ..., battery_distance_m: _Optional[float] = ..., part: _Optional[int] = ...) -> None: ...
 
 class GetPlanMissionRequest(_message.Message):
-    __slots__ = ("plan_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "vehicle", "above_ground")
+    __slots__ = ("plan_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "vehicle", "above_ground", "battery_distance_m", "part")
     PLAN_ID_FIELD_NUMBER: _ClassVar[int]
     FORMAT_FIELD_NUMBER: _ClassVar[int]
     FIRST_FIELD_NUMBER: _ClassVar[int]
@@ -294,6 +298,8 @@ class GetPlanMissionRequest(_message.Message):
     DRONE_FIELD_NUMBER: _ClassVar[int]
     VEHICLE_FIELD_NUMBER: _ClassVar[int]
     ABOVE_GROUND_FIELD_NUMBER: _ClassVar[int]
+    BATTERY_DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
+    PART_FIELD_NUMBER: _ClassVar[int]
     plan_id: str
     format: MissionFormat
     first: int
@@ -318,10 +324,12 @@ class GetPlanMissionRequest(_message.Message):
     drone: Drone
     vehicle: int
     above_ground: bool
-    def __init__(self, plan_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., vehicle: _Optional[int] = ..., above_ground: _Optional[bool] = ...) -> None: ...
+    battery_distance_m: float
+    part: int
+    def __init__(self, plan_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., vehicle: _Optional[int] = ..., above_ground: _Optional[bool] = ..., battery_distance_m: _Optional[float] = ..., part: _Optional[int] = ...) -> None: ...
 
 class CreateMissionRequest(_message.Message):
-    __slots__ = ("scene_id", "mission", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "above_ground")
+    __slots__ = ("scene_id", "mission", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "above_ground", "battery_distance_m", "part")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     MISSION_FIELD_NUMBER: _ClassVar[int]
     FORMAT_FIELD_NUMBER: _ClassVar[int]
@@ -346,6 +354,8 @@ class CreateMissionRequest(_message.Message):
     AUTOPILOT_FIELD_NUMBER: _ClassVar[int]
     DRONE_FIELD_NUMBER: _ClassVar[int]
     ABOVE_GROUND_FIELD_NUMBER: _ClassVar[int]
+    BATTERY_DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
+    PART_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     mission: MissionRequest
     format: MissionFormat
@@ -370,7 +380,9 @@ class CreateMissionRequest(_message.Message):
     autopilot: Autopilot
     drone: Drone
     above_ground: bool
-    def __init__(self, scene_id: _Optional[str] = ..., mission: _Optional[_Union[MissionRequest, _Mapping]] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., above_ground: _Optional[bool] = ...) -> None: ...
+    battery_distance_m: float
+    part: int
+    def __init__(self, scene_id: _Optional[str] = ..., mission: _Optional[_Union[MissionRequest, _Mapping]] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., above_ground: _Optional[bool] = ..., battery_distance_m: _Optional[float] = ..., part: _Optional[int] = ...) -> None: ...
 
 class RankViewsRequest(_message.Message):
     __slots__ = ("scene_id", "ranking", "idempotency_key")
@@ -937,15 +949,17 @@ class AnyTerrain(_message.Message):
     def __init__(self, heights: _Optional[_Union[Terrain, _Mapping]] = ..., points: _Optional[_Union[TerrainOfPoints, _Mapping]] = ...) -> None: ...
 
 class MissionFile(_message.Message):
-    __slots__ = ("name", "media_type", "content", "left_out", "reasons")
+    __slots__ = ("name", "media_type", "content", "left_out", "reasons", "parts")
     NAME_FIELD_NUMBER: _ClassVar[int]
     MEDIA_TYPE_FIELD_NUMBER: _ClassVar[int]
     CONTENT_FIELD_NUMBER: _ClassVar[int]
     LEFT_OUT_FIELD_NUMBER: _ClassVar[int]
     REASONS_FIELD_NUMBER: _ClassVar[int]
+    PARTS_FIELD_NUMBER: _ClassVar[int]
     name: str
     media_type: str
     content: bytes
     left_out: _containers.RepeatedScalarFieldContainer[str]
     reasons: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, name: _Optional[str] = ..., media_type: _Optional[str] = ..., content: _Optional[bytes] = ..., left_out: _Optional[_Iterable[str]] = ..., reasons: _Optional[_Iterable[str]] = ...) -> None: ...
+    parts: int
+    def __init__(self, name: _Optional[str] = ..., media_type: _Optional[str] = ..., content: _Optional[bytes] = ..., left_out: _Optional[_Iterable[str]] = ..., reasons: _Optional[_Iterable[str]] = ..., parts: _Optional[int] = ...) -> None: ...

@@ -1,7 +1,9 @@
 """Views made into a mission: checked, in order, with the ways between them."""
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
+from itertools import pairwise
+from math import inf
 
 from fvs_schema.error_codes import FieldError
 from fvs_schema.fence import Place
@@ -12,6 +14,7 @@ from fvs_service.missions.altitudes import Altitudes
 from fvs_service.missions.flight import Home, Mission, Waypoint
 from fvs_service.missions.ground import Ground
 from fvs_service.missions.objections import Objections
+from fvs_service.missions.parts import fewest_parts, length_m
 
 _SAME_M = 0.5
 """Shorter vertical ways are ignored."""
@@ -57,19 +60,37 @@ class Composer:
         self._follows = follows
         self._objections = Objections(options, altitudes, ground)
 
-    def mission(
+    def missions(
         self, name: str, legs: Sequence[Leg], via_home: Sequence[Waypoint], datum: AltitudeDatum
-    ) -> tuple[Mission, tuple[Violation, ...]]:
-        """The mission through ``legs``, and what was left out of it.
+    ) -> tuple[tuple[Mission, ...], tuple[Violation, ...]]:
+        """The mission through ``legs``, cut to a battery if that is asked for, and what was left out of it.
 
         Raises ``InvalidRequestError`` for views that cannot be flown, unless they are to be left out.
         """
-        flown, via_home, violations = self._flyable(legs, via_home)
-        if violations and not (flown and self._options.leave_out):
-            raise _refusal(violations, leave_out=self._options.leave_out)
+        beyond: Mapping[str, str] = {}
+        parts: Sequence[range] = ()
+        while not parts:
+            flown, way_home, violations = self._flyable(legs, via_home, beyond)
+            if violations and not (flown and self._options.leave_out):
+                raise _refusal(violations, leave_out=self._options.leave_out)
+            parts, farther = self._cut(flown, way_home)
+            beyond = {**beyond, **farther}
+        missions = []
+        for number, part in enumerate(parts, start=1):
+            of_part = [self._leg(flown, index, part.start) for index in part]
+            numbered = (
+                name if self._options.battery_distance_m is None else f"{name}-{number}-of-{len(parts)}"
+            )
+            home_via = way_home if part.stop == len(flown) else ()
+            missions.append(self._mission(numbered, of_part, home_via, datum))
+        return tuple(missions), violations
+
+    def _mission(
+        self, name: str, legs: Sequence[Leg], via_home: Sequence[Waypoint], datum: AltitudeDatum
+    ) -> Mission:
         offset_m = self._altitudes.offset(datum)
         assert offset_m is not None, "the datum was chosen among those that are known"
-        waypoints = tuple(self._waypoints(flown, via_home))
+        waypoints = tuple(self._waypoints(legs, via_home))
         home, climb_m = self._home(), None
         if home is not None and self._options.takeoff:
             climb_m = self._climb(waypoints[0]) + offset_m
@@ -81,14 +102,69 @@ class Composer:
             )
             for point in waypoints
         )
-        return Mission(name, datum, moved, home, climb_m, self._options), violations
+        return Mission(name, datum, moved, home, climb_m, self._options)
+
+    def _cut(
+        self, legs: Sequence[Leg], via_home: Sequence[Waypoint]
+    ) -> tuple[tuple[range, ...], Mapping[str, str]]:
+        """The parts that a battery lasts for; without any, why which views cannot be flown alone.
+
+        If each view can be flown alone, there are parts.
+        """
+        longest_m = self._options.battery_distance_m
+        if longest_m is None:
+            return (range(len(legs)),), {}
+        away_m, between_m, back_m, reasons = [], [0.0], [], {}
+        for before, leg in pairwise(legs):
+            between_m.append(length_m([before.view, *self._passed(before.view, leg), leg.view]))
+        for index, leg in enumerate(legs):
+            first, home_via = self._leg(legs, index, index), via_home if leg is legs[-1] else ()
+            no_way, no_way_home = self._to_way(None, first), self._to_way_home(leg.view, home_via)
+            away_m.append(inf if no_way else length_m(self._way_from_home(first)))
+            back_m.append(inf if no_way_home else length_m(self._way_to_home(leg.view, home_via)))
+            alone_m = away_m[-1] + back_m[-1]
+            too_far = f"to it alone and back it is {alone_m:.0f} m; a battery flies {longest_m:g} m"
+            if reason := no_way or no_way_home or (too_far if alone_m > longest_m else None):
+                reasons[str(leg.view.name)] = reason
+        parts = fewest_parts(away_m, between_m, back_m, longest_m)
+        return ((), reasons) if parts is None else (parts, {})
+
+    @staticmethod
+    def _leg(legs: Sequence[Leg], index: int, first: int) -> Leg:
+        """A leg of a part that begins with the leg ``first``.
+
+        To that the way is from home, and positions to pass belong to the way from the view before.
+        """
+        return replace(legs[index], via=()) if index == first > 0 else legs[index]
+
+    def _way_from_home(self, leg: Leg) -> Sequence[Waypoint]:
+        """What is flown from the takeoff to the first view."""
+        way = [*self._passed(None, leg), leg.view]
+        above = self._above_home(way[0], self._climb(way[0]))
+        return [self._at_home(above), above, *way] if self._options.takeoff else [above, *way]
+
+    def _way_to_home(self, view: Waypoint, via_home: Sequence[Waypoint]) -> Sequence[Waypoint]:
+        """What is flown from the last view to the landing: home at the altitude of the last waypoint."""
+        way = [view, *self._passed_home(view, via_home)]
+        above = self._above_home(way[-1], way[-1].altitude_m)
+        return [*way, above, self._at_home(above)]
+
+    def _above_home(self, point: Waypoint, altitude_m: float) -> Waypoint:
+        assert self._options.home is not None, "checked by the options"
+        latitude_deg, longitude_deg = self._options.home
+        return replace(point, latitude_deg=latitude_deg, longitude_deg=longitude_deg, altitude_m=altitude_m)
+
+    def _at_home(self, above: Waypoint) -> Waypoint:
+        assert self._altitudes.home_m is not None, "checked by the objections"
+        return replace(above, altitude_m=self._altitudes.home_m)
 
     def _flyable(
-        self, legs: Sequence[Leg], via_home: Sequence[Waypoint]
+        self, legs: Sequence[Leg], via_home: Sequence[Waypoint], beyond: Mapping[str, str]
     ) -> tuple[list[Leg], Sequence[Waypoint], tuple[Violation, ...]]:
         """The legs that can be flown one after the other, the way home, and why other views cannot be flown.
 
-        Positions to pass belong to the way between two views, and go with the one that is left out.
+        ``beyond``: views that no battery reaches, and why. Positions to pass belong to the way between two
+        views, and go with the one that is left out.
         """
         flown: list[Leg] = []
         violations: list[Violation] = []
@@ -96,7 +172,11 @@ class Composer:
         for leg in legs:
             before = flown[-1].view if flown else None
             via = leg.via if follows else ()
-            reason = self._objections.to_view(leg.view) or self._to_way(before, Leg(leg.view, via))
+            reason = (
+                self._objections.to_view(leg.view)
+                or self._to_way(before, Leg(leg.view, via))
+                or beyond.get(str(leg.view.name))
+            )
             if reason is not None:
                 violations.append(Violation(str(leg.view.name), reason))
             follows = reason is None or not leave_out
@@ -120,13 +200,7 @@ class Composer:
             return reason
         passed = [*self._passed(before, leg), leg.view]
         if before is None and self._options.home is not None and self._options.takeoff:
-            latitude_deg, longitude_deg = self._options.home
-            before = replace(
-                passed[0],
-                latitude_deg=latitude_deg,
-                longitude_deg=longitude_deg,
-                altitude_m=self._climb(passed[0]),
-            )
+            before = self._above_home(passed[0], self._climb(passed[0]))
         return self._objections.over_ground("the way to it", [before, *passed] if before else passed)
 
     def _to_way_home(self, view: Waypoint, via_home: Sequence[Waypoint]) -> str | None:

@@ -29,7 +29,7 @@ class Objections:
         self._options, self._altitudes, self._ground = options, altitudes, ground
         self._fence = options.fence
         if altitudes.home_m is None:
-            for name in ("transit_height_m", "lowest_height_m", "highest_height_m"):
+            for name in ("transit_height_m", "lowest_height_m", "highest_height_m", "battery_distance_m"):
                 if getattr(options, name) is not None:
                     raise InvalidRequestError(
                         f"{name} is measured from home, whose altitude is not known.",

@@ -23,7 +23,8 @@ _BINARY = {"schema": {"type": "string", "format": "binary"}}
 _KINDS = {writer.media_type.partition(";")[0] for writer in WRITERS.values()}
 _CONTENT = {
     "description": "The file. `Left-Out` names the views that are not in it, separated by commas; "
-    "`Left-Out-Reasons` is a JSON array of why the first of them are not, in the same order.",
+    "`Left-Out-Reasons` is a JSON array of why the first of them are not, in the same order. "
+    "`Mission-Parts` says into how many files the mission is cut.",
     # Generators that take the first for all can read each as bytes or text, but not as JSON.
     "content": dict.fromkeys(sorted(_KINDS - _JSON.keys()), _BINARY) | _JSON,
 }
@@ -59,7 +60,10 @@ async def create_mission(
 
 
 def _response(file: MissionFile) -> Response:
-    headers = {"Content-Disposition": f'attachment; filename="{file.name}"'}
+    headers = {
+        "Content-Disposition": f'attachment; filename="{file.name}"',
+        "Mission-Parts": str(file.parts),
+    }
     if file.left_out:
         headers["Left-Out"] = ",".join(file.left_out)
         headers["Left-Out-Reasons"] = json.dumps(file.reasons)

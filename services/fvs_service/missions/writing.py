@@ -20,7 +20,7 @@ from fvs_service.scenes.poses import WorldFrame, require_on_earth
 
 _OF_EARTH = (
     *("home_latitude_deg", "home_altitude_m", "transit_height_m", "lowest_height_m"),
-    *("highest_height_m", "geofence", "altitude_datum", "geoid_height_m"),
+    *("highest_height_m", "geofence", "altitude_datum", "geoid_height_m", "battery_distance_m"),
 )
 """Options that mean nothing without georeference."""
 
@@ -37,9 +37,9 @@ def write_mission(
 ) -> MissionFile:
     """The views, in their order, as a file; ``ground_up_m`` is where the ground is on the world's up axis.
 
-    ``camera`` is that of the scene's images; a ``terrain`` is the ground instead. Raises
-    ``InvalidRequestError`` for a format that needs a georeferenced scene without one, and for what cannot be
-    flown or written.
+    ``camera`` is that of the scene's images; a ``terrain`` is the ground instead. Of a mission that
+    is cut to a battery this is the part that the options name. Raises ``InvalidRequestError`` for a format
+    that needs a georeferenced scene without one, and for what cannot be flown or written.
     """
     if not views:
         raise InvalidRequestError(
@@ -49,14 +49,17 @@ def write_mission(
     ground = ground_up_m if terrain is None else terrain
     if options.above_ground:
         _require_above_ground(writer, options, terrain)
+    parts = 1
     if isinstance(writer, MissionWriter):
-        mission, violations = _composed(name, frame, views, via_home, options, ground, writer)
-        content = writer.write(mission)
+        missions, violations = _composed(name, frame, views, via_home, options, ground, writer)
+        mission, parts = _part(missions, options), len(missions)
+        name, content = mission.name, writer.write(mission)
     else:
         violations = ()
         if frame.georeferenced:
-            mission, violations = _composed(name, frame, views, via_home, options, ground)
-            flown = {waypoint.name for waypoint in mission.views}
+            missions, violations = _composed(name, frame, views, via_home, options, ground)
+            mission, parts = _part(missions, options), len(missions)
+            name, flown = mission.name, {waypoint.name for waypoint in mission.views}
             views = [view for view in views if view.id in flown]
         else:
             _require_no_earth(frame, options, writer, terrain)
@@ -66,6 +69,7 @@ def write_mission(
         name=f"{name}{writer.suffix}",
         media_type=writer.media_type,
         content=content,
+        parts=parts,
         left_out=tuple(violation.view for violation in violations),
         reasons=tuple(violation.reason for violation in violations[:MOST_NAMED]),
     )
@@ -79,8 +83,8 @@ def _composed(
     options: MissionOptions,
     ground: Terrain | float | None,
     writer: MissionWriter | None = None,
-) -> tuple[Mission, tuple[Violation, ...]]:
-    """The mission, and what was left out of it; without a ``writer`` in any datum."""
+) -> tuple[tuple[Mission, ...], tuple[Violation, ...]]:
+    """The parts of the mission, and what was left out of it; without a ``writer`` in any datum."""
     origin = _origin_of(frame)
     home_m = options.home_altitude_m
     under: Ground | float | None = None
@@ -98,7 +102,21 @@ def _composed(
     legs = [Leg(at_view, _passed(frame, view.via)) for view, at_view in zip(views, at_views, strict=True)]
     follows = options.above_ground and writer is not None and writer.above_ground == "flown"
     composer = Composer(options, altitudes, under, follows=follows)
-    return composer.mission(name, legs, _passed(frame, via_home), datum)
+    return composer.missions(name, legs, _passed(frame, via_home), datum)
+
+
+def _part(missions: Sequence[Mission], options: MissionOptions) -> Mission:
+    """The part that is asked for; raises ``InvalidRequestError`` when there are fewer."""
+    count = len(missions)
+    if options.part > count:
+        wrong = FieldError(
+            "part", f"the mission has {count} {'part' if count == 1 else 'parts'}, counted from 1"
+        )
+        hint = "Name one of them."
+        if options.battery_distance_m is None:
+            hint = "Give battery_distance_m, to which the mission is cut into parts; or leave part out."
+        raise InvalidRequestError(f"{wrong.field}: {wrong.message}.", hint=hint, errors=(wrong,))
+    return missions[options.part - 1]
 
 
 def _origin_of(frame: WorldFrame) -> Origin:

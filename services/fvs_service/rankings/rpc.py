@@ -172,4 +172,5 @@ def _mission(file: MissionFile) -> pb.MissionFile:
         content=file.content,
         left_out=file.left_out,
         reasons=file.reasons,
+        parts=file.parts,
     )

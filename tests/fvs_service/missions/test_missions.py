@@ -174,6 +174,30 @@ def test_a_plan_has_a_mission_for_each_vehicle(gateway: Any, scene: str, ranking
     assert beyond["errors"] == [{"field": "vehicle", "message": "the plan is for 2 vehicles, counted from 1"}]
 
 
+def test_tours_of_vehicles_are_cut_to_a_battery(gateway: Any, scene: str, ranking: Any) -> None:
+    candidates = [{"id": item["id"], "pose": item["pose"]} for item in ranking["candidates"]]
+    request = {"candidates": candidates, "vehicles": [candidates[0]["pose"], candidates[2]["pose"]]}
+    plan = gateway.client.post(f"/v1/scenes/{scene}/plans", json=request).json()
+    options = {"format": "csv", **HOME, "battery_distance_m": 150}
+    for number, tour in enumerate(plan["tours"], start=1):
+        flown, part, parts = [], 1, 1
+        while part <= parts:
+            answer = gateway.client.get(
+                f"/v1/plans/{plan['id']}/mission", params={**options, "vehicle": number, "part": part}
+            )
+            flown += [row["id"] for row in _rows(answer)]
+            parts = int(answer.headers["mission-parts"])
+            name = f'attachment; filename="{plan["id"]}-{part}-of-{parts}.csv"'
+            assert answer.headers["content-disposition"] == name
+            part += 1
+        assert flown == [stop["id"] for stop in tour["stops"]]
+        beyond = gateway.client.get(
+            f"/v1/plans/{plan['id']}/mission", params={**options, "vehicle": number, "part": part}
+        )
+        assert beyond.status_code == 422
+        assert beyond.json()["errors"][0]["field"] == "part"
+
+
 def test_a_scene_without_georeference_refuses_with_the_remedy(gateway: Any) -> None:
     scene = gateway.scene()
     gateway.model(scene)

@@ -3,6 +3,7 @@
 import json
 import math
 from collections.abc import Sequence
+from functools import partial
 from itertools import zip_longest
 from pathlib import Path
 from typing import Annotated, Any
@@ -92,6 +93,16 @@ def mission(
     leave_out: Annotated[
         bool, typer.Option("--leave-out", help="Leave out views that cannot be flown.")
     ] = False,
+    battery_distance: Annotated[
+        float | None,
+        typer.Option(
+            min=1,
+            max=1_000_000,
+            metavar="M",
+            help="Cut the mission into numbered files, each of which begins and ends at home and is no "
+            "longer than this; `--out` is a folder. Needs home and its altitude.",
+        ),
+    ] = None,
     speed: Annotated[
         float | None,
         typer.Option(min=0.1, max=50, metavar="M/S", help="Speed between views.", show_default="5"),
@@ -140,6 +151,7 @@ def mission(
         "geoid_height_m": geoid,
         "above_ground": above_ground or None,
         "leave_out": leave_out,
+        "battery_distance_m": battery_distance,
         "speed_m_s": speed,
         "acceptance_radius_m": acceptance,
         "hold_s": hold,
@@ -154,33 +166,39 @@ def mission(
     plan = None if what.startswith((_RANKING, _PLAN)) else _plan(Path(what))
     with service(context, as_json=as_json) as client:
         if what.startswith(_RANKING) and terrain is None:
-            file = client.rankings.get(what).mission(format, **given)
+            write = partial(client.rankings.get(what).mission, format, **given)
         elif what.startswith(_RANKING):
             ranking = client.rankings.get(what)
             ranked = [item for item in ranking.candidates if item.rank is not None]
             ground = _ground(terrain, ranked[:first], (), ranking.origin, home)
             scene = client.scenes.get(ranking.scene_id)
-            file = scene.mission(ranked, format, snapshot_id=ranking.snapshot_id, terrain=ground, **given)
+            given |= {"snapshot_id": ranking.snapshot_id, "terrain": ground}
+            write = partial(scene.mission, ranked, format, **given)
         elif plan is None and terrain is None:
-            file = client.plans.get(what).mission(format, vehicle=vehicle, **given)
+            write = partial(client.plans.get(what).mission, format, vehicle=vehicle, **given)
         else:
             plan = plan or client.plans.get(what)
             tour = _tour(plan, vehicle)
             ground = _ground(terrain, tour.stops[:first], tour.via_home, plan.origin, home)
             scene = client.scenes.get(plan.scene_id)
-            file = scene.mission(tour, format, snapshot_id=plan.snapshot_id, terrain=ground, **given)
-        path = file.save(out)
+            given |= {"snapshot_id": plan.snapshot_id, "terrain": ground}
+            write = partial(scene.mission, tour, format, **given)
+        file = write()
+        folder = out if battery_distance is None else f"{out}/"
+        paths = [file.save(folder)]
+        paths += [write(part=part).save(folder) for part in range(2, file.parts + 1)]
     if as_json:
         print_json(
             {
-                "file": str(path),
+                "files": [str(path) for path in paths],
                 "media_type": file.media_type,
                 "left_out": list(file.left_out),
                 "reasons": list(file.reasons),
             }
         )
         return
-    typer.echo(path)
+    for path in paths:
+        typer.echo(path)
     for view, reason in zip_longest(file.left_out, file.reasons):
         why = f": {reason}" if reason else ""
         typer.echo(f"Warning: {view} is left out{why}.", err=True)

@@ -32,6 +32,10 @@ class MissionSettings(TypedDict, total=False):
     """A polygon to stay inside: `latitude,longitude;latitude,longitude;…`."""
     leave_out: bool
     """Leave out views that cannot be flown, instead of raising ``InvalidRequestError``."""
+    battery_distance_m: float
+    """Cut the mission into parts, each of which begins and ends at home and is no longer than this."""
+    part: int
+    """The part to write, counted from 1."""
     speed_m_s: float
     acceptance_radius_m: float
     hold_s: float
@@ -54,12 +58,14 @@ def mission_options(format: MissionFormat | str, settings: MissionSettings) -> M
 class MissionFile:
     """A mission as a file, and the ids of the views that are not in it.
 
-    ``reasons`` says why, in the order of ``left_out``; of the first views, if there are many.
+    ``reasons`` says why, in the order of ``left_out``; of the first views, if there are many. ``parts`` is
+    the number of files that the mission is cut into, of which this is one.
     """
 
     name: str
     media_type: str
     content: bytes
+    parts: int = 1
     left_out: tuple[str, ...] = ()
     reasons: tuple[str, ...] = ()
 
