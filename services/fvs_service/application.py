@@ -7,6 +7,7 @@ from functools import partial
 
 from fvs_engine.files.storage import storage_errors
 from fvs_service.auth import Keys
+from fvs_service.concurrency import ConcurrencyLimit
 from fvs_service.deletion.service import Deletions
 from fvs_service.errors import NotFoundError
 from fvs_service.images.exclusion import Exclusions
@@ -26,6 +27,7 @@ from fvs_service.jobs.stages import work_of
 from fvs_service.missions.service import Missions
 from fvs_service.plans.service import Plans
 from fvs_service.rankings.port import SceneRunners
+from fvs_service.rankings.renders import Renders
 from fvs_service.rankings.service import Rankings
 from fvs_service.rankings.snapshot_frames import SnapshotFrames
 from fvs_service.scenes.lease import Leases
@@ -77,6 +79,7 @@ class Application:
     videos: Videos
     jobs: Jobs
     rankings: Rankings
+    renders: Renders
     plans: Plans
     visits: Visits
     missions: Missions
@@ -171,13 +174,21 @@ def open_application(
             runners = make_runners(storage)
             frames = SnapshotFrames(storage.database, storage.snapshots, limits.candidates_per_ranking)
             require_room_for_results = partial(_require_room_for_results, settings)
+            rankings_at_once = ConcurrencyLimit("rankings", limits.rankings_at_once_per_tenant)
             rankings = Rankings(
+                storage.database,
+                frames,
+                runners,
+                rankings_at_once,
+                taken_poses,
+                require_room_for_results,
+            )
+            renders = Renders(
                 storage.database,
                 storage.blobs,
                 frames,
                 runners,
-                limits,
-                taken_poses,
+                rankings_at_once,
                 require_room_for_results,
             )
             plans = Plans(storage.database, frames, runners, limits, taken_poses, require_room_for_results)
@@ -211,6 +222,7 @@ def open_application(
                 videos=Videos(storage.database, storage.blobs),
                 jobs=jobs,
                 rankings=rankings,
+                renders=renders,
                 plans=plans,
                 visits=Visits(storage.database, frames),
                 missions=Missions(storage.database, frames, rankings, plans),

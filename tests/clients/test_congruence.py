@@ -173,6 +173,10 @@ def rankings(surface: Surface) -> Iterator[Any]:
     snapshot = do(scene.snapshots.latest)
     yield surface.items(scene.snapshots.list(), None) == [snapshot]
     yield do(snapshot.cameras)
+    yield do(snapshot.render, near)
+    small = do(snapshot.render, near, image="spectrum", long_side_px=64, format="jpeg")
+    yield small.startswith(b"\xff\xd8")
+    yield surface.attempt(snapshot.render, near, format="gif")
     yield do(snapshot.download, "cameras.json", folder).read_bytes()
     yield surface.attempt(snapshot.download, "model.obj", folder)
     yield surface.attempt(client.snapshots.get, "snp_none")

@@ -58,6 +58,7 @@ OTHERWISE = {
     "GET /v1/snapshots/{snapshot_id}/artifacts/{name}": "DownloadArtifact",
     "GET /v1/scenes/{scene_id}/events": "WatchEvents",
     "GET /v1/rankings/{ranking_id}/candidates/{candidate_id}/{image}.png": "RenderCandidate",
+    "POST /v1/snapshots/{snapshot_id}/renders": "RenderView",
 }
 """What is not one request and one response of JSON on both sides."""
 RPC_ONLY = {
@@ -268,7 +269,13 @@ def test_every_message_has_a_model_or_is_of_grpc(document: dict[str, Any]) -> No
     of_calls = {method.input_type.name for method in _methods().values()}
     of_grpc = {
         *("ImageUpload", "UploadImageResponse", "Upload", "ImageMetadata"),  # REST has parameters instead
-        *("DownloadInfo", "DownloadPart", "CandidateRender", "MissionFile"),  # and bodies that are bytes
+        *(
+            "DownloadInfo",
+            "DownloadPart",
+            "CandidateRender",
+            "ViewRender",
+            "MissionFile",
+        ),  # and bodies that are bytes
         *(
             "World",
             "Pose",

@@ -208,6 +208,24 @@ def test_views_are_ranked_and_rendered(compare: Compare) -> None:
     compare(scenario)
 
 
+def test_a_snapshot_is_rendered_at_any_pose(compare: Compare) -> None:
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        refused(tenant.call("RenderView", {"pose": LOOK}, snapshot_id="snp_none"), "not-found")
+        snapshot = model_of(tenant, scene)
+        png = tenant.call("RenderView", {"pose": LOOK}, snapshot_id=snapshot).result
+        assert png.startswith(b"\x89PNG")
+        asked = {"pose": {**LOOK, "frame": "model"}, "long_side_px": 96, "format": "jpeg"}
+        assert tenant.call("RenderView", asked, snapshot_id=snapshot).result.startswith(b"\xff\xd8")
+        spectrum = tenant.call("RenderView", {**asked, "image": "spectrum"}, snapshot_id=snapshot)
+        assert spectrum.result.startswith(b"\xff\xd8")
+        vehicle = {**_PLACE, "yaw_deg": 0.0, "pitch_deg": -45.0}
+        for wrong in ({}, {"pose": vehicle}, {"pose": LOOK, "long_side_px": 63}):
+            refused(tenant.call("RenderView", wrong, snapshot_id=snapshot), "invalid-request")
+
+    compare(scenario)
+
+
 _PLACE = {"latitude_deg": 46.02, "longitude_deg": 7.75, "altitude_m": 500.0, "altitude_datum": "sea-level"}
 
 

@@ -47,7 +47,7 @@ from fvs_client.errors import (
     WaitTimeoutError,
 )
 from fvs_client.height_model import HeightModel, HeightModelError
-from fvs_client.models.display import Png
+from fvs_client.models.display import Jpeg, Png
 from fvs_client.models.missions import MissionFile, MissionSettings
 from fvs_client.retries import NO_RETRIES, Retries
 from fvs_client.uploads import Outcome, UploadedFile, UploadProgress, UploadReport
@@ -82,6 +82,7 @@ from fvs_schema.rankings import (
     RankingSummary,
     ScoredCandidate,
 )
+from fvs_schema.renders import RenderFormat, ViewImage
 from fvs_schema.scenes import (
     Alignment,
     AlignmentStatus,
@@ -172,6 +173,7 @@ __all__ = [
     "JobKind",
     "JobState",
     "JobWaiting",
+    "Jpeg",
     "KnownImage",
     "LimitExceededError",
     "Limits",
@@ -206,6 +208,7 @@ __all__ = [
     "RankingRequest",
     "RankingSummary",
     "Registration",
+    "RenderFormat",
     "Retention",
     "Retries",
     "Scene",
@@ -232,6 +235,7 @@ __all__ = [
     "UploadedFile",
     "VehiclePose",
     "Verdict",
+    "ViewImage",
     "Visit",
     "VisitReport",
     "VisitState",

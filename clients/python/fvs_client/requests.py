@@ -15,6 +15,7 @@ from fvs_schema.jobs import JobRequest
 from fvs_schema.missions import MissionOptions, MissionRequest
 from fvs_schema.plans import PlanRequest
 from fvs_schema.rankings import RankingRequest
+from fvs_schema.renders import RenderRequest
 from fvs_schema.scenes import SceneChange, SceneRequest
 from fvs_schema.visits import VisitReport
 from fvs_schema.webhooks import WebhookRequest
@@ -315,6 +316,12 @@ def get_candidate_image(ranking_id: str, candidate_id: str, kind: str) -> Reques
     """Get the PNG of a candidate's ``render`` or ``spectrum``."""
     path = f"/v1/rankings/{_part(ranking_id)}/candidates/{_part(candidate_id)}/{kind}.png"
     return _computed(Request("GET", path), None)
+
+
+def render_view(snapshot_id: str, render: RenderRequest) -> Request:
+    """Get the image of a snapshot at a pose."""
+    path = f"/v1/snapshots/{_part(snapshot_id)}/renders"
+    return _computed(Request("POST", path, document=_document(render)), None)
 
 
 def snapshots_of(scene_id: str) -> str:

@@ -26,6 +26,12 @@ class ViewImage(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     VIEW_IMAGE_RENDER: _ClassVar[ViewImage]
     VIEW_IMAGE_SPECTRUM: _ClassVar[ViewImage]
 
+class RenderFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
+    __slots__ = ()
+    RENDER_FORMAT_UNSPECIFIED: _ClassVar[RenderFormat]
+    RENDER_FORMAT_PNG: _ClassVar[RenderFormat]
+    RENDER_FORMAT_JPEG: _ClassVar[RenderFormat]
+
 class CandidateStatus(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
     CANDIDATE_STATUS_UNSPECIFIED: _ClassVar[CandidateStatus]
@@ -95,6 +101,9 @@ VISIT_STATE_FAILED: VisitState
 VIEW_IMAGE_UNSPECIFIED: ViewImage
 VIEW_IMAGE_RENDER: ViewImage
 VIEW_IMAGE_SPECTRUM: ViewImage
+RENDER_FORMAT_UNSPECIFIED: RenderFormat
+RENDER_FORMAT_PNG: RenderFormat
+RENDER_FORMAT_JPEG: RenderFormat
 CANDIDATE_STATUS_UNSPECIFIED: CandidateStatus
 CANDIDATE_STATUS_RANKED: CandidateStatus
 CANDIDATE_STATUS_VISITED: CandidateStatus
@@ -441,6 +450,34 @@ class CandidateRender(_message.Message):
     PNG_FIELD_NUMBER: _ClassVar[int]
     png: bytes
     def __init__(self, png: _Optional[bytes] = ...) -> None: ...
+
+class RenderViewRequest(_message.Message):
+    __slots__ = ("snapshot_id", "render")
+    SNAPSHOT_ID_FIELD_NUMBER: _ClassVar[int]
+    RENDER_FIELD_NUMBER: _ClassVar[int]
+    snapshot_id: str
+    render: RenderRequest
+    def __init__(self, snapshot_id: _Optional[str] = ..., render: _Optional[_Union[RenderRequest, _Mapping]] = ...) -> None: ...
+
+class RenderRequest(_message.Message):
+    __slots__ = ("pose", "image", "long_side_px", "format")
+    POSE_FIELD_NUMBER: _ClassVar[int]
+    IMAGE_FIELD_NUMBER: _ClassVar[int]
+    LONG_SIDE_PX_FIELD_NUMBER: _ClassVar[int]
+    FORMAT_FIELD_NUMBER: _ClassVar[int]
+    pose: _poses_pb2.Pose
+    image: ViewImage
+    long_side_px: int
+    format: RenderFormat
+    def __init__(self, pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., image: _Optional[_Union[ViewImage, str]] = ..., long_side_px: _Optional[int] = ..., format: _Optional[_Union[RenderFormat, str]] = ...) -> None: ...
+
+class ViewRender(_message.Message):
+    __slots__ = ("content", "media_type")
+    CONTENT_FIELD_NUMBER: _ClassVar[int]
+    MEDIA_TYPE_FIELD_NUMBER: _ClassVar[int]
+    content: bytes
+    media_type: str
+    def __init__(self, content: _Optional[bytes] = ..., media_type: _Optional[str] = ...) -> None: ...
 
 class Candidate(_message.Message):
     __slots__ = ("id", "pose")

@@ -66,6 +66,11 @@ class ViewServiceStub:
                 request_serializer=fvs_dot_v1_dot_views__pb2.RenderCandidateRequest.SerializeToString,
                 response_deserializer=fvs_dot_v1_dot_views__pb2.CandidateRender.FromString,
                 _registered_method=True)
+        self.RenderView = channel.unary_unary(
+                '/fvs.v1.ViewService/RenderView',
+                request_serializer=fvs_dot_v1_dot_views__pb2.RenderViewRequest.SerializeToString,
+                response_deserializer=fvs_dot_v1_dot_views__pb2.ViewRender.FromString,
+                _registered_method=True)
         self.PlanViews = channel.unary_unary(
                 '/fvs.v1.ViewService/PlanViews',
                 request_serializer=fvs_dot_v1_dot_views__pb2.PlanViewsRequest.SerializeToString,
@@ -154,6 +159,13 @@ class ViewServiceServicer:
 
     def RenderCandidate(self, request, context):
         """Render a candidate's view of the ranking's snapshot, or the spectrum of it.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def RenderView(self, request, context):
+        """Render a snapshot at any pose, or the spectrum of that render. It is not stored.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -254,6 +266,11 @@ def add_ViewServiceServicer_to_server(servicer, server):
                     servicer.RenderCandidate,
                     request_deserializer=fvs_dot_v1_dot_views__pb2.RenderCandidateRequest.FromString,
                     response_serializer=fvs_dot_v1_dot_views__pb2.CandidateRender.SerializeToString,
+            ),
+            'RenderView': grpc.unary_unary_rpc_method_handler(
+                    servicer.RenderView,
+                    request_deserializer=fvs_dot_v1_dot_views__pb2.RenderViewRequest.FromString,
+                    response_serializer=fvs_dot_v1_dot_views__pb2.ViewRender.SerializeToString,
             ),
             'PlanViews': grpc.unary_unary_rpc_method_handler(
                     servicer.PlanViews,
@@ -464,6 +481,33 @@ class ViewService:
             '/fvs.v1.ViewService/RenderCandidate',
             fvs_dot_v1_dot_views__pb2.RenderCandidateRequest.SerializeToString,
             fvs_dot_v1_dot_views__pb2.CandidateRender.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def RenderView(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.ViewService/RenderView',
+            fvs_dot_v1_dot_views__pb2.RenderViewRequest.SerializeToString,
+            fvs_dot_v1_dot_views__pb2.ViewRender.FromString,
             options,
             channel_credentials,
             insecure,

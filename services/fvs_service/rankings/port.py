@@ -5,7 +5,6 @@ messages of the runners' protocol, so poses are not converted on the way.
 """
 
 from collections.abc import AsyncGenerator, Mapping
-from enum import StrEnum
 from typing import Literal, Protocol, TypeAlias
 
 from pydantic import Field
@@ -16,14 +15,8 @@ from fvs_engine.plan.plan_records import Plan
 from fvs_engine.plan.volumes import Volume
 from fvs_engine.records import Record
 from fvs_engine.views import PinholeView
+from fvs_schema.renders import RenderFormat, ViewImage
 from fvs_service.rankings.packed_views import PackedViews
-
-
-class ViewImage(StrEnum):
-    """An image that can be made of a view."""
-
-    RENDER = "render"
-    SPECTRUM = "spectrum"
 
 
 class ModelRequest(Record):
@@ -96,11 +89,12 @@ RankingSteps: TypeAlias = AsyncGenerator[tuple[CandidateScore, ...] | RankedView
 
 
 class RenderView(ModelRequest):
-    """Make an image of one view of a snapshot; the result over the protocol is the PNG in base 64."""
+    """Make an image of one view of a snapshot; the result over the protocol is the file in base 64."""
 
     kind: Literal["render"] = "render"
     view: PinholeView
     image: ViewImage = ViewImage.RENDER
+    format: RenderFormat = RenderFormat.PNG
 
 
 class UpdateQuality(Record):
@@ -186,7 +180,7 @@ class SceneRunners(Protocol):
         ...
 
     async def render(self, request: RenderView) -> bytes:
-        """A PNG of the view."""
+        """The view's image, as a file of the request's format."""
         ...
 
     async def generate(self, request: GenerateViews) -> GeneratedViews:

@@ -1,11 +1,13 @@
 """Rankings over REST."""
 
+from collections.abc import Callable
 from typing import Annotated
 
 from fastapi import Depends, Path, Request, Response
 from starlette.concurrency import run_in_threadpool
 
 from fvs_schema.rankings import Ranking, RankingList, RankingRequest
+from fvs_schema.renders import RenderFormat, RenderRequest, ViewImage
 from fvs_service.gateway.rest.bodies import unread_json_body
 from fvs_service.gateway.rest.dependencies import (
     App,
@@ -15,11 +17,12 @@ from fvs_service.gateway.rest.dependencies import (
     Paging,
     RankingId,
     SceneId,
+    SnapshotId,
     to_operate,
+    to_read_snapshot,
 )
 from fvs_service.gateway.rest.patience import TimeoutS, while_connected
 from fvs_service.gateway.rest.routing import json_router
-from fvs_service.rankings.port import ViewImage
 from fvs_service.rankings.rest_stream import MEDIA_TYPE, ranking_stream
 from fvs_service.rankings.service import ReadRequest
 
@@ -31,10 +34,12 @@ _STREAM = {
         "content": {MEDIA_TYPE: {"schema": {"type": "string"}}},
     }
 }
-_PNG = {
+_BINARY = {"schema": {"type": "string", "format": "binary"}}
+_PNG = {200: {"description": "A PNG image.", "content": {"image/png": _BINARY}}}
+_RENDER = {
     200: {
-        "description": "A PNG image.",
-        "content": {"image/png": {"schema": {"type": "string", "format": "binary"}}},
+        "description": "The image, in the format of the request.",
+        "content": {kind.media_type: _BINARY for kind in RenderFormat},
     }
 }
 
@@ -111,7 +116,28 @@ async def render_candidate(
     timeout_s: TimeoutS,
 ) -> Response:
     """Render a candidate's view of the ranking's snapshot, or the spectrum of it."""
-    rendering = app.rankings.render(caller, ranking_id, candidate_id, image, timeout_s)
+    rendering = app.renders.of_candidate(caller, ranking_id, candidate_id, image, timeout_s)
     with metrics.rankings_open.track_inprogress():
         png = await while_connected(http, rendering)
     return Response(png, media_type="image/png")
+
+
+@router.post(
+    "/snapshots/{snapshot_id}/renders",
+    response_class=Response,
+    responses=_RENDER,  # type: ignore[arg-type]
+)
+async def render_view(
+    http: Request,
+    app: App,
+    metrics: Counters,
+    caller: Caller,
+    snapshot_id: SnapshotId,
+    read: Annotated[Callable[[], RenderRequest], Depends(unread_json_body(RenderRequest, to_read_snapshot))],
+    timeout_s: TimeoutS,
+) -> Response:
+    """Render a snapshot at any pose, or the spectrum there. It is not stored; hanging up cancels it."""
+    rendering = app.renders.at_pose(caller, snapshot_id, read, timeout_s)
+    with metrics.rankings_open.track_inprogress():
+        content, media_type = await while_connected(http, rendering)
+    return Response(content, media_type=media_type)

@@ -12,13 +12,13 @@ from fvs_schema.base import Model, Page
 from fvs_schema.missions import MissionFile, MissionOptions, MissionRequest, PlanMissionOptions
 from fvs_schema.plans import Plan, PlanList, PlanRequest
 from fvs_schema.rankings import Ranking, RankingList, RankingPart, RankingRequest
+from fvs_schema.renders import RenderRequest, ViewImage
 from fvs_schema.visits import VisitList, VisitReport
 from fvs_service.application import Application
 from fvs_service.gateway.rpc.calls import Call
 from fvs_service.gateway.rpc.conversion import pick, read
 from fvs_service.gateway.rpc.requests import idempotency_key
 from fvs_service.principal import Principal, Scope
-from fvs_service.rankings.port import ViewImage
 
 RequestT = TypeVar("RequestT", bound=Model)
 
@@ -82,10 +82,20 @@ class ViewServicer:
         """Render a candidate's view, or the spectrum of it."""
         image = pick(_Wanted, request).image
         with call.gateway.metrics.rankings_open.track_inprogress():
-            png = await self._app.rankings.render(
+            png = await self._app.renders.of_candidate(
                 caller, request.ranking_id, request.candidate_id, image, call.timeout_s()
             )
         return pb.CandidateRender(png=png)
+
+    async def render_view(
+        self, call: Call, caller: Principal, request: pb.RenderViewRequest
+    ) -> pb.ViewRender:
+        """Render a snapshot at any pose, or the spectrum of that render."""
+        with call.gateway.metrics.rankings_open.track_inprogress():
+            content, media_type = await self._app.renders.at_pose(
+                caller, request.snapshot_id, lambda: read(RenderRequest, request.render), call.timeout_s()
+            )
+        return pb.ViewRender(content=content, media_type=media_type)
 
     async def plan_views(self, call: Call, caller: Principal, request: pb.PlanViewsRequest) -> Plan:
         """Plan which candidates to photograph next."""

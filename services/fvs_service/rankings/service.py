@@ -8,7 +8,6 @@ from anyio.to_thread import run_sync
 
 from fvs_engine import candidates as engine
 from fvs_engine.plan.plan_warnings import unknown_ground
-from fvs_engine.snapshot_cameras import usual_camera
 from fvs_schema.base import Page
 from fvs_schema.candidates import CandidateStatus, InVolume, wanted_of
 from fvs_schema.events import EventKind
@@ -21,58 +20,48 @@ from fvs_schema.rankings import (
     RankingRequest,
     ScoredCandidate,
 )
-from fvs_schema.service import Limits
 from fvs_schema.snapshots import Snapshot
 from fvs_service.concurrency import ConcurrencyLimit
-from fvs_service.errors import NotFoundError
 from fvs_service.events.repository import publish
 from fvs_service.ids import new_id
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings import repository
 from fvs_service.rankings.in_model import require_volumes
-from fvs_service.rankings.port import RankedViews, RenderView, SceneRunners, ViewImage
+from fvs_service.rankings.port import RankedViews, SceneRunners
 from fvs_service.rankings.preparation import BegunRanking, PreparedRanking, TakenPoses
 from fvs_service.rankings.snapshot_frames import SnapshotFrames
 from fvs_service.rankings.under_ground import kept
 from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.lease import find_endpoint
-from fvs_service.scenes.poses import WorldFrame
-from fvs_service.scenes.repository import find_scene_head, scene_head_of
-from fvs_service.snapshots.repository import snapshot_of
-from fvs_service.storage.blob_keys import ranking_prefix
-from fvs_service.storage.blobs import Blobs
+from fvs_service.scenes.repository import scene_head_of
 from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database, Reader
 from fvs_service.storage.idempotency import IdempotencyKey
-from fvs_service.storage.removals import ABANDONED_AFTER, has_row, keep, remove_later
 
 ReadRequest: TypeAlias = Callable[[], RankingRequest]
 """Reads a request; it is called in a thread, after the permission check."""
 
 
 class Rankings:
-    """Ranks candidates and renders them.
+    """Ranks candidates.
 
-    Results are kept: ``require_room`` raises ``OutOfSpaceError`` when there is no room for another one.
+    Rankings are kept: ``require_room`` raises ``OutOfSpaceError`` when there is no room for another one.
     """
 
     def __init__(
         self,
         database: Database,
-        blobs: Blobs,
         frames: SnapshotFrames,
         runners: SceneRunners,
-        limits: Limits,
+        limit: ConcurrencyLimit,
         taken_poses: TakenPoses,
         require_room: Callable[[], object] = lambda: None,
     ) -> None:
         self._taken_poses = taken_poses
         self._require_room = require_room
         self._database = database
-        self._blobs = blobs
         self._runners = runners
-        self._limits = limits
-        self._limit = ConcurrencyLimit("rankings", limits.rankings_at_once_per_tenant)
+        self._limit = limit
         self._frames = frames
 
     async def create(
@@ -135,22 +124,6 @@ class Rankings:
         with self._database.reading() as session:
             scene_head_of(session, principal, scene_id)
             return repository.rankings_of_scene(session, scene_id, page)
-
-    async def render(
-        self, principal: Principal, ranking_id: str, candidate_id: str, image: ViewImage, timeout_s: float
-    ) -> bytes:
-        """A PNG of a candidate's view, or of its spectrum; made once."""
-        with self._limit.slot(principal.tenant_id):
-            prepared = await run_sync(
-                self._prepare_render, principal, ranking_id, candidate_id, image, timeout_s
-            )
-            if isinstance(prepared, bytes):
-                return prepared
-            png = await self._runners.render(prepared)
-            await run_sync(
-                self._keep_render, png, _render_key(ranking_id, candidate_id, prepared), prepared.scene_id
-            )
-            return png
 
     async def _prepared(
         self, principal: Principal, scene_id: str, read: ReadRequest, timeout_s: float, key: str | None
@@ -247,50 +220,6 @@ class Rankings:
             publish(session, scene_id, EventKind.RANKING_CREATED, data)
         return ranking
 
-    def _prepare_render(
-        self, principal: Principal, ranking_id: str, candidate_id: str, image: ViewImage, timeout_s: float
-    ) -> RenderView | bytes:
-        """The request to the runner; or the PNG, if it was made before."""
-        ranking = self.get(principal, ranking_id)
-        candidate = next((item for item in ranking.candidates if item.id == candidate_id), None)
-        if candidate is None:
-            raise NotFoundError("The ranking has no such candidate.")
-        with self._database.reading() as session:
-            scene = find_scene_head(session, ranking.scene_id)
-            snapshot_of(session, principal, ranking.snapshot_id)
-            endpoint = find_endpoint(session, scene.id)
-        frame = WorldFrame(scene.origin, ranking.alignment)
-        camera = usual_camera(self._frames.cameras(ranking.snapshot_id))
-        (view,) = frame.views({candidate.id: frame.world_from_camera(candidate.pose)}, camera)
-        model_request = RenderView(
-            scene_id=scene.id,
-            endpoint=endpoint,
-            snapshot_id=ranking.snapshot_id,
-            api_key=principal.key_id,
-            timeout_s=timeout_s,
-            view=view,
-            image=image,
-        )
-        key = _render_key(ranking_id, candidate_id, model_request)
-        if self._blobs.exists(key):
-            return self._blobs.read(key)
-        self._require_room()
-        return model_request
-
-    def _keep_render(self, png: bytes, key: str, scene_id: str) -> None:
-        """Store a render, unless its ranking was deleted meanwhile."""
-        # Durable, and with it the ranking: a power cut must not undo that after the render is on the disk.
-        with self._database.writing(scene_id) as session:
-            if not has_row(session, key):
-                return
-            remove_later(session, scene_id, key, after=ABANDONED_AFTER)
-        self._blobs.put(png, key)
-        with self._database.writing(scene_id, durable=False) as session:
-            if has_row(session, key):
-                keep(session, [key])
-            else:
-                self._blobs.remove(key)
-
     def _earlier(self, reader: Reader, principal: Principal, key: IdempotencyKey) -> Ranking | None:
         """The ranking that an earlier request with the same idempotency key made."""
         return key.resource(reader, lambda made: repository.ranking_of(reader, principal, made))
@@ -334,9 +263,3 @@ def _unscored(snapshot: Snapshot) -> RankedViews:
     """The result when no candidate is to be scored."""
     metrics = snapshot.metrics
     return RankedViews(snapshot_id=snapshot.id, iterations=metrics.iterations, gaussians=metrics.gaussians)
-
-
-def _render_key(ranking_id: str, candidate_id: str, model_request: RenderView) -> str:
-    return (
-        f"{ranking_prefix(model_request.scene_id, ranking_id)}{candidate_id}/{model_request.image.value}.png"
-    )

@@ -19,7 +19,6 @@ from fvs_service.application import Application
 from fvs_service.gateway.capabilities import capabilities_of
 from fvs_service.gateway.rest.bodies import parse as parse_body
 from fvs_service.principal import Principal
-from fvs_service.rankings.port import ViewImage
 
 from fvs_schema.base import Page
 from fvs_schema.control_points import ControlPoints
@@ -28,6 +27,7 @@ from fvs_schema.jobs import JobPage, JobRequest
 from fvs_schema.missions import MissionOptions, MissionRequest, PlanMissionOptions
 from fvs_schema.plans import PlanRequest
 from fvs_schema.rankings import RankingRequest
+from fvs_schema.renders import RenderRequest, ViewImage
 from fvs_schema.scenes import SceneChange, ScenePage, SceneRequest
 from fvs_schema.service import Limits
 from fvs_schema.snapshots import SnapshotChange
@@ -82,7 +82,12 @@ class Call:
 
 
 def _render(app: Application, caller: Principal, call: Call) -> Any:
-    return app.rankings.render(caller, call.ranking_id, call.candidate_id, ViewImage.RENDER, 60.0)
+    return app.renders.of_candidate(caller, call.ranking_id, call.candidate_id, ViewImage.RENDER, 60.0)
+
+
+async def _render_view(app: Application, caller: Principal, call: Call) -> Any:
+    content, _ = await app.renders.at_pose(caller, call.snapshot_id, lambda: call.body, 60.0)
+    return content
 
 
 def _ranking_mission(app: Application, caller: Principal, call: Call) -> Any:
@@ -300,6 +305,9 @@ OPERATIONS: dict[str, Operation] = {
     ),
     "RenderCandidate": Operation(
         "GET", "/v1/rankings/{ranking_id}/candidates/{candidate_id}/render.png", _render
+    ),
+    "RenderView": Operation(
+        "POST", "/v1/snapshots/{snapshot_id}/renders", _render_view, ("render", RenderRequest)
     ),
     "GetRankingMission": Operation("GET", "/v1/rankings/{ranking_id}/mission", _ranking_mission),
     "CreateMission": Operation(

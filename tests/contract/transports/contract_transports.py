@@ -214,7 +214,7 @@ class Rpc:
             return Outcome(result=[document_of(part) for part in result])
         if result.DESCRIPTOR.name == "CandidateRender":
             return Outcome(result=result.png)
-        if result.DESCRIPTOR.name == "MissionFile":
+        if result.DESCRIPTOR.name in ("MissionFile", "ViewRender"):
             return Outcome(result=result.content)
         return Outcome(result=document_of(result) or None)
 

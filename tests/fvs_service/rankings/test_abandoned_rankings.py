@@ -11,6 +11,8 @@ from fvs_service.host.runner import server
 from fvs_service.host.runner.snapshot_models import SnapshotModels
 from slow_scoring import Scene, slow_scene
 
+POSE = {"frame": "model", "position": [0.0, 0.0, -4.0], "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}
+
 
 @pytest.fixture
 def scene(serve: Callable[..., Any], tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[Scene]:
@@ -70,7 +72,10 @@ def test_nothing_is_computed_for_longer_than_the_client_says(scene: Scene) -> No
     assert scene.scoring.ended == [1]
 
 
-def test_renders_are_asked_for_in_the_same_way(scene: Scene, monkeypatch: pytest.MonkeyPatch) -> None:
+@pytest.mark.parametrize("of", ["candidate", "pose"])
+def test_renders_are_asked_for_in_the_same_way(
+    of: str, scene: Scene, monkeypatch: pytest.MonkeyPatch
+) -> None:
     began = threading.Semaphore(0)
 
     def render(_request: Any, _state: Any, _rasterizer: Any) -> bytes:
@@ -81,8 +86,12 @@ def test_renders_are_asked_for_in_the_same_way(scene: Scene, monkeypatch: pytest
     monkeypatch.setattr(server, "render_view", render)
     monkeypatch.setattr(SnapshotModels, "of_snapshot", lambda *_: None)
     ranking = scene.ask(5).json()
-    path = f"/v1/rankings/{ranking['id']}/candidates/orbit-0000/render.png"
-    answers = together([lambda: scene.gateway.client.get(path).content] * 4)
+    if of == "candidate":
+        asked = ("GET", f"/v1/rankings/{ranking['id']}/candidates/orbit-0000/render.png", None)
+    else:
+        asked = ("POST", f"/v1/snapshots/{ranking['snapshot_id']}/renders", {"pose": POSE})
+    client = scene.gateway.client
+    answers = together([lambda: client.request(*asked[:2], json=asked[2]).content] * 4)
     assert answers == [b"png"] * 4
     assert began.acquire(blocking=False)
     assert not began.acquire(blocking=False)

@@ -10,7 +10,10 @@ from fvs_client._async import downloading
 from fvs_client._async.session import AsyncResource, AsyncSession
 from fvs_client.answers import parse
 from fvs_client.downloads import DownloadProgress, artifact_named, target_path
+from fvs_client.models.display import Jpeg, Png
 from fvs_client.models.resources import SceneData, SnapshotData
+from fvs_schema.poses import FramePose, VehiclePose
+from fvs_schema.renders import RenderFormat, RenderRequest, ViewImage
 from fvs_schema.snapshots import SnapshotCameras
 
 
@@ -44,6 +47,25 @@ class AsyncSnapshot(AsyncResource, SnapshotData):
     async def delete(self) -> None:
         """Delete the snapshot; raises ``ConflictError`` for the scene's current one and a pinned one."""
         await self._session.content(requests.delete_snapshot(self.id))
+
+    async def render(
+        self,
+        pose: FramePose | VehiclePose,
+        *,
+        image: ViewImage | str = ViewImage.RENDER,
+        long_side_px: int | None = None,
+        format: RenderFormat | str = RenderFormat.PNG,  # noqa: A002
+    ) -> Png | Jpeg:
+        """Get what the model shows from ``pose``, or the spectrum of it; a notebook shows it.
+
+        ``long_side_px``, from 64 to 4,096, is by default that of ``cameras().camera``. Raises
+        ``InvalidRequestError`` for a pose of a vehicle where the scene is not georeferenced.
+        """
+        request = RenderRequest(
+            pose=pose, image=ViewImage(image), long_side_px=long_side_px, format=RenderFormat(format)
+        )
+        content = await self._session.content(requests.render_view(self.id, request))
+        return Png(content) if request.format is RenderFormat.PNG else Jpeg(content)
 
     async def cameras(self) -> SnapshotCameras:
         """The cameras of the registered images, in the model's frame."""

@@ -74,4 +74,17 @@ class Png(bytes):
     __slots__ = ()
 
     def _repr_html_(self) -> str:
-        return f'<img src="data:image/png;base64,{base64.b64encode(self).decode()}">'
+        return _image_html(self, "image/png")
+
+
+class Jpeg(bytes):
+    """A JPEG file as bytes; a notebook shows it."""
+
+    __slots__ = ()
+
+    def _repr_html_(self) -> str:
+        return _image_html(self, "image/jpeg")
+
+
+def _image_html(content: bytes, media_type: str) -> str:
+    return f'<img src="data:{media_type};base64,{base64.b64encode(content).decode()}">'

@@ -178,6 +178,12 @@ async def to_operate_snapshot(request: Request, caller: Caller, snapshot_id: Sna
     return partial(snapshots.require, caller, Scope.OPERATE, snapshot_id)
 
 
+async def to_read_snapshot(request: Request, caller: Caller, snapshot_id: SnapshotId) -> Permission:
+    """The permission to read the scene of the path's snapshot, which exists."""
+    snapshots = application_of(request).storage.snapshots
+    return partial(snapshots.require, caller, Scope.READ, snapshot_id)
+
+
 async def _uploader(caller: Caller, permission: Annotated[Permission, Depends(to_upload)]) -> Principal:
     await run_in_threadpool(permission)
     return caller
