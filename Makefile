@@ -8,8 +8,8 @@
 # make test-slow  the long checks, most of them on real photographs, and the tests in one process with more examples
 # make coverage   branch coverage of `make test test-system`, with the processes that tests start
 # make docs       the documentation as a site in site/ (make docs && python -m http.server --directory site)
-# make generate   code that is made from other code: the synchronous client from clients/python/fvs_client/_async, and
-#                 the messages of gRPC from proto/
+# make generate   what is made from other code: the synchronous client from clients/python/fvs_client/_async, the
+#                 messages of gRPC from proto/, and the console from clients/web
 # make lint       format and fix what can be fixed, then lint
 # make bench      the benchmarks of the kernels: raster, score, selection, train (those that take longer: docs/results.md)
 
@@ -18,6 +18,8 @@ VENV := .venv
 BIN := $(VENV)/bin
 INSTALLED := $(VENV)/.installed
 GENERATED := tests/clients/generated
+CONSOLE := clients/web
+CONSOLE_INSTALLED := $(CONSOLE)/node_modules/.installed
 GENERATORS := $(VENV)/generators/.installed
 FVS_DATA ?= ../shared/data
 IMAGES ?= $(wildcard $(FVS_DATA)/kermit)
@@ -28,7 +30,7 @@ WORKERS ?= 4
 # Python keeps what it compiled even where the environment forbids it: the tests start many processes.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: setup demo demo-flight docs test unit check kernels generate lint test-system test-slow coverage bench clean
+.PHONY: setup demo demo-flight docs test unit check check-console kernels generate lint test-system test-slow coverage bench clean
 
 setup: $(INSTALLED) $(GENERATORS)
 
@@ -38,6 +40,11 @@ $(INSTALLED): pyproject.toml clients/python/pyproject.toml constraints.txt
 	$(BIN)/python -m pip install --quiet --upgrade 'pip>=25.1'
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt torch
 	$(BIN)/python -m pip install --quiet --constraint constraints.txt --editable . --editable ./clients/python --group dev
+	touch $@
+
+# The console's libraries and tools; Node.js comes with Python's development dependencies.
+$(CONSOLE_INSTALLED): $(CONSOLE)/package-lock.json $(INSTALLED)
+	PATH="$(CURDIR)/$(BIN):$$PATH" npm ci --prefix $(CONSOLE) --silent --no-audit --no-fund
 	touch $@
 
 # Generators of clients, for a test: in an environment of their own, since they want other versions than ours.
@@ -66,9 +73,15 @@ check: setup
 	$(BIN)/python proto/generate.py --check
 	cd clients/python && ../../$(BIN)/deptry . --known-first-party fvs_client --known-first-party fvs_schema --per-rule-ignores "DEP002=pyserial"
 
+# Sources, types and tests of the console, and that what the service sends was built from them.
+check-console: export PATH := $(CURDIR)/$(BIN):$(PATH)
+check-console: setup $(CONSOLE_INSTALLED)
+	cd $(CONSOLE) && npx --no-install biome ci . && npx --no-install tsc && npx --no-install vitest run --silent
+	$(BIN)/python $(CONSOLE)/build.py --check
+
 # The kernels are compiled beside the checks: each takes one core.
 test: setup
-	$(MAKE) --no-print-directory --jobs=2 check kernels
+	$(MAKE) --no-print-directory --jobs=2 check check-console kernels
 	$(BIN)/python -m pytest -n $(WORKERS) -m "not system and not slow"
 
 unit: setup
@@ -93,11 +106,13 @@ coverage: setup kernels
 	$(BIN)/python -m coverage combine --quiet
 	$(BIN)/python -m coverage report
 
-generate: setup
+generate: setup $(CONSOLE_INSTALLED)
 	$(BIN)/python clients/generate_sync.py
 	$(BIN)/python proto/generate.py
+	$(BIN)/python $(CONSOLE)/build.py
 
-lint: setup
+lint: setup $(CONSOLE_INSTALLED)
+	cd $(CONSOLE) && PATH="$(CURDIR)/$(BIN):$$PATH" npx --no-install biome check --write .
 	$(BIN)/ruff format .
 	$(BIN)/ruff check --fix .
 
@@ -113,4 +128,4 @@ bench: setup
 		--scene "bonsai=$(FVS_DATA)/bonsai/reference,$(FVS_DATA)/bonsai/images,800"
 
 clean:
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .coverage* out site $(GENERATED)/node_modules
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .coverage* out site $(GENERATED)/node_modules $(CONSOLE)/node_modules

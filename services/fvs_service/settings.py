@@ -130,6 +130,29 @@ class Retention(Record):
     """Number of days for which an idempotency key is kept: a repeated request creates nothing new."""
 
 
+class BasemapSettings(Record):
+    """What the console's map shows below the scene; by default nothing, so that it contacts nobody."""
+
+    tiles: str | None = Field(default=None, pattern=r"^https?://[^/?#@*\s{}]+/\S*\{z\}\S*$", max_length=500)
+    """URL of raster tiles with ``{z}``, ``{x}`` and ``{y}``. Browsers that show the console load them."""
+    archive: FilePath | None = None
+    """A file of tiles (PMTiles 3) that the service sends: raster tiles, or vectors as Protomaps has."""
+    attribution: str = Field(default="", max_length=200)
+    """Whom the map names as the source of its tiles."""
+
+    @field_validator("archive")
+    @classmethod
+    def _one_source(cls, archive: FilePath | None, known: ValidationInfo) -> FilePath | None:
+        if archive is not None and known.data.get("tiles") is not None:
+            raise ValueError("give either FVS_BASEMAP__TILES or FVS_BASEMAP__ARCHIVE")
+        return archive
+
+    @property
+    def origins(self) -> tuple[str, ...]:
+        """Web origins that the page contacts for tiles."""
+        return () if self.tiles is None else ("/".join(self.tiles.split("/")[:3]),)
+
+
 class Settings(BaseSettings):
     """Settings from the environment (``FVS_ROOT``, ``FVS_LIMITS__IMAGE_BYTES``, …) or from code.
 
@@ -154,6 +177,9 @@ class Settings(BaseSettings):
     """Port of HTTP (``--port``); 0 is a free one."""
     rest: bool = True
     """Serve REST (``--no-rest``). Without it, HTTP has only ``/livez``, ``/readyz`` and ``/metrics``."""
+    console: bool = True
+    """Serve the operator's console at ``/`` (``--no-console``), besides REST."""
+    basemap: BasemapSettings = BasemapSettings()
     grpc: bool = True
     """Serve gRPC (``--no-grpc``)."""
     grpc_port: int | None = Field(default=None, ge=0, le=65_535)

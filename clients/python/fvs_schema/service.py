@@ -90,6 +90,17 @@ class WorkerStatus(Output):
     """Resident memory of its runners."""
 
 
+class Basemap(Output):
+    """What maps show below a scene."""
+
+    kind: Literal["raster-tiles", "pmtiles"]
+    """Whether `url` is a template for tiles or one archive of them."""
+    url: str
+    """With `{z}`, `{x}` and `{y}` for tiles, or where the archive is."""
+    attribution: str
+    """Whom the map names as its source."""
+
+
 class Capabilities(Output):
     """The features and limits of this service."""
 
@@ -111,6 +122,8 @@ class Capabilities(Output):
     """Workers that are alive, and those that stopped sending heartbeats."""
     keys_required: bool
     """Whether requests need an API key."""
+    basemap: Basemap | None = None
+    """What the console's map shows below the scene; null: nothing."""
     limits: Annotated[Limits, Field(description="Limits per request, scene and tenant.")]
 
 

@@ -76,8 +76,18 @@ class Limits(_message.Message):
     video_s: float
     def __init__(self, image_bytes: _Optional[int] = ..., image_pixels: _Optional[int] = ..., image_decoding_bytes: _Optional[int] = ..., multipart_bytes: _Optional[int] = ..., json_bytes: _Optional[int] = ..., images_per_scene: _Optional[int] = ..., scenes_per_tenant: _Optional[int] = ..., open_jobs_per_tenant: _Optional[int] = ..., running_jobs_per_tenant: _Optional[int] = ..., open_uploads_per_tenant: _Optional[int] = ..., rankings_at_once_per_tenant: _Optional[int] = ..., rankings_queued_per_scene: _Optional[int] = ..., rankings_queued_per_key: _Optional[int] = ..., ranking_timeout_s: _Optional[float] = ..., event_streams_per_tenant: _Optional[int] = ..., candidates_per_ranking: _Optional[int] = ..., refusals_per_key: _Optional[int] = ..., partial_uploads_per_tenant: _Optional[int] = ..., video_bytes: _Optional[int] = ..., video_s: _Optional[float] = ...) -> None: ...
 
+class Basemap(_message.Message):
+    __slots__ = ("kind", "url", "attribution")
+    KIND_FIELD_NUMBER: _ClassVar[int]
+    URL_FIELD_NUMBER: _ClassVar[int]
+    ATTRIBUTION_FIELD_NUMBER: _ClassVar[int]
+    kind: str
+    url: str
+    attribution: str
+    def __init__(self, kind: _Optional[str] = ..., url: _Optional[str] = ..., attribution: _Optional[str] = ...) -> None: ...
+
 class Capabilities(_message.Message):
-    __slots__ = ("version", "api", "methods", "generators", "image_formats", "job_kinds", "workers", "keys_required", "limits", "mission_formats")
+    __slots__ = ("version", "api", "methods", "generators", "image_formats", "job_kinds", "workers", "keys_required", "limits", "mission_formats", "basemap")
     VERSION_FIELD_NUMBER: _ClassVar[int]
     API_FIELD_NUMBER: _ClassVar[int]
     METHODS_FIELD_NUMBER: _ClassVar[int]
@@ -88,6 +98,7 @@ class Capabilities(_message.Message):
     KEYS_REQUIRED_FIELD_NUMBER: _ClassVar[int]
     LIMITS_FIELD_NUMBER: _ClassVar[int]
     MISSION_FORMATS_FIELD_NUMBER: _ClassVar[int]
+    BASEMAP_FIELD_NUMBER: _ClassVar[int]
     version: str
     api: _containers.RepeatedScalarFieldContainer[str]
     methods: _containers.RepeatedScalarFieldContainer[str]
@@ -98,4 +109,5 @@ class Capabilities(_message.Message):
     keys_required: bool
     limits: Limits
     mission_formats: _containers.RepeatedScalarFieldContainer[str]
-    def __init__(self, version: _Optional[str] = ..., api: _Optional[_Iterable[str]] = ..., methods: _Optional[_Iterable[str]] = ..., generators: _Optional[_Iterable[str]] = ..., image_formats: _Optional[_Iterable[str]] = ..., job_kinds: _Optional[_Iterable[str]] = ..., workers: _Optional[_Iterable[_Union[WorkerStatus, _Mapping]]] = ..., keys_required: _Optional[bool] = ..., limits: _Optional[_Union[Limits, _Mapping]] = ..., mission_formats: _Optional[_Iterable[str]] = ...) -> None: ...
+    basemap: Basemap
+    def __init__(self, version: _Optional[str] = ..., api: _Optional[_Iterable[str]] = ..., methods: _Optional[_Iterable[str]] = ..., generators: _Optional[_Iterable[str]] = ..., image_formats: _Optional[_Iterable[str]] = ..., job_kinds: _Optional[_Iterable[str]] = ..., workers: _Optional[_Iterable[_Union[WorkerStatus, _Mapping]]] = ..., keys_required: _Optional[bool] = ..., limits: _Optional[_Union[Limits, _Mapping]] = ..., mission_formats: _Optional[_Iterable[str]] = ..., basemap: _Optional[_Union[Basemap, _Mapping]] = ...) -> None: ...

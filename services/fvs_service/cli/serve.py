@@ -49,6 +49,14 @@ def serve(
             "--rest/--no-rest", help="Serve REST; --no-rest serves gRPC alone.", show_default="--rest"
         ),
     ] = None,
+    console: Annotated[
+        bool | None,
+        typer.Option(
+            "--console/--no-console",
+            help="Serve the operator's console, a page for browsers, at /.",
+            show_default="--console",
+        ),
+    ] = None,
     grpc: Annotated[
         bool | None, typer.Option("--grpc/--no-grpc", help="Serve gRPC.", show_default="--grpc")
     ] = None,
@@ -74,7 +82,15 @@ def serve(
     from fvs_service.serving.stop_signals import StopSignals
 
     with StopSignals(STOP_WITHIN_S, kill_descendants) as signals:  # first: imports take seconds
-        given = {"root": root, "host": host, "port": port, "rest": rest, "grpc": grpc, "grpc_port": grpc_port}
+        given = {
+            "root": root,
+            "host": host,
+            "port": port,
+            "rest": rest,
+            "console": console,
+            "grpc": grpc,
+            "grpc_port": grpc_port,
+        }
         _supervise(given, workers, role, signals, log_json=log_json)
         sys.stdout.flush()
         os._exit(0)  # at once: the interpreter's own end takes seconds on a busy machine

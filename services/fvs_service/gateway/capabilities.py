@@ -3,9 +3,13 @@
 import importlib.metadata
 
 from fvs_engine.images.unreadable import FORMATS
-from fvs_schema.service import Capabilities
+from fvs_schema.service import Basemap, Capabilities
 from fvs_service.application import Application
 from fvs_service.jobs.fleet import workers_of
+from fvs_service.settings import BasemapSettings
+
+ARCHIVE_URL = "/console/basemap.pmtiles"
+"""Where the service has the archive of tiles."""
 
 
 def capabilities_of(app: Application) -> Capabilities:
@@ -18,5 +22,14 @@ def capabilities_of(app: Application) -> Capabilities:
         image_formats=FORMATS,
         workers=workers,
         keys_required=app.storage.keys.required,
+        basemap=_basemap(settings.basemap),
         limits=settings.limits,
     )
+
+
+def _basemap(given: BasemapSettings) -> Basemap | None:
+    if given.tiles is not None:
+        return Basemap(kind="raster-tiles", url=given.tiles, attribution=given.attribution)
+    if given.archive is not None:
+        return Basemap(kind="pmtiles", url=ARCHIVE_URL, attribution=given.attribution)
+    return None

@@ -11,6 +11,7 @@ import anyio.to_thread
 from fastapi import FastAPI
 
 from fvs_service.application import MakeRunners, open_application
+from fvs_service.console.page import console_router
 from fvs_service.events import rest as events
 from fvs_service.events.feed import EventFeed
 from fvs_service.gateway.drain import Drain
@@ -147,5 +148,6 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
         ]
     if settings.rest:
         app.include_router(pages.router)
+        app.include_router(console_router(settings))
     openapi.describe(app, bodies, keys_required=settings.keys_required is True)
     return app

@@ -1,4 +1,4 @@
-"""What a browser finds at `/` and `/docs`."""
+"""What a browser finds at `/docs`, and at `/` without the console."""
 
 import re
 from html.parser import HTMLParser
@@ -25,7 +25,7 @@ class _Page(HTMLParser):
 
 
 def test_the_start_leads_to_the_documents_without_a_key(open_gateway: Any) -> None:
-    gateway = open_gateway(require_keys=True)
+    gateway = open_gateway(require_keys=True, console=False)
     start = gateway.client.get("/").json()
     assert start["version"] == gateway.client.get(start["openapi"]).json()["info"]["version"]
     page = gateway.client.get(start["docs"])

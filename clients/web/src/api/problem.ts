@@ -1,0 +1,31 @@
+import type { components } from "./schema";
+
+export type Problem = components["schemas"]["Problem"];
+
+/** A request that the service refused, or that did not reach it. */
+export class ServiceError extends Error {
+  override name = "ServiceError";
+
+  constructor(
+    message: string,
+    /** What to do about it; may be empty. */
+    readonly hint: string,
+    /** The problem's code, or `network` when there was no answer. */
+    readonly code: string,
+    /** The HTTP status; 0 when there was no answer. */
+    readonly status: number,
+  ) {
+    super(message);
+  }
+}
+
+/** The error that a response without success describes. */
+export async function errorOf(response: Response): Promise<ServiceError> {
+  const problem = (await response.json().catch(() => null)) as Problem | null;
+  if (!problem?.detail) {
+    return new ServiceError(`The answer has status ${response.status}.`, "", "unknown", response.status);
+  }
+  const fields = (problem.errors ?? []).map((one) => `${one.field}: ${one.message}`).join("; ");
+  const message = fields ? `${problem.detail} ${fields}` : problem.detail;
+  return new ServiceError(message, problem.hint, problem.code, response.status);
+}

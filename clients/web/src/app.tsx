@@ -1,0 +1,82 @@
+import { signal } from "@preact/signals";
+import { useEffect } from "preact/hooks";
+import { apiKey, keyRefusal } from "./api/key";
+import { api, data, type Schemas } from "./api/service";
+import { KeyDialog } from "./components/key-dialog";
+import { Notices } from "./components/notices";
+import { hrefOf, route } from "./router";
+import { ScenePage } from "./scene/scene-page";
+import { ScenesPage } from "./scenes/scenes-page";
+import { notify, report } from "./store/notices";
+import { strings } from "./strings";
+import { toggleTheme } from "./theme";
+
+/** What the service can do; null until it has answered. */
+export const capabilities = signal<Schemas["Capabilities"] | null>(null);
+
+async function loadCapabilities(): Promise<void> {
+  try {
+    const got = await data(api.GET("/v1/capabilities"));
+    capabilities.value = got;
+    if (got.version !== __FVS_VERSION__) {
+      notify("warning", strings.otherVersion(got.version, __FVS_VERSION__), strings.otherVersionHint);
+    }
+  } catch (error) {
+    report(error);
+  }
+}
+
+/** The whole page: its header, what the route names, notices, and the dialog for the API key. */
+export function App() {
+  const key = apiKey.value;
+  useEffect(() => void loadCapabilities(), [key]);
+  const now = route.value;
+  return (
+    <>
+      <a class="skip" href="#content">
+        {strings.skip}
+      </a>
+      <header class="bar">
+        <a class="brand" href={hrefOf({ page: "scenes" })}>
+          {strings.product}
+        </a>
+        <span id="title" class="grow" />
+        <a href="/docs">{strings.documentation}</a>
+        {(capabilities.value?.keys_required || key !== null) && (
+          <button
+            type="button"
+            class="quiet"
+            onClick={() => {
+              keyRefusal.value = { message: "", hint: "" };
+            }}
+          >
+            {strings.key.title}
+          </button>
+        )}
+        <button
+          type="button"
+          class="quiet"
+          onClick={toggleTheme}
+          title={strings.theme}
+          aria-label={strings.theme}
+        >
+          ◐
+        </button>
+      </header>
+      <main id="content" tabIndex={-1}>
+        {now.page === "scenes" ? (
+          <ScenesPage key={key} />
+        ) : (
+          <ScenePage
+            key={`${now.sceneId} ${key}`}
+            sceneId={now.sceneId}
+            stage={now.stage}
+            panel={now.panel}
+          />
+        )}
+      </main>
+      <Notices />
+      <KeyDialog />
+    </>
+  );
+}

@@ -1,0 +1,38 @@
+import { computed, signal } from "@preact/signals";
+
+/** What the page shows; in the fragment of the URL, so that the service needs no routes for it. */
+export type Route = { page: "scenes" } | { page: "scene"; sceneId: string; stage: Stage; panel: Panel };
+
+export const STAGES = ["view3d", "map", "compare"] as const;
+export type Stage = (typeof STAGES)[number];
+export const PANELS = ["photographs", "views", "plans", "work"] as const;
+export type Panel = (typeof PANELS)[number];
+
+const fragment = signal(location.hash);
+addEventListener("hashchange", () => {
+  fragment.value = location.hash;
+});
+
+export const route = computed(() => parseRoute(fragment.value));
+
+/** The route that a fragment names; unknown ones are the list of scenes. */
+export function parseRoute(hash: string): Route {
+  const [noun, sceneId, stage, panel] = hash.replace(/^#\/?/, "").split("/").map(decodeURIComponent);
+  if (noun !== "scenes" || !sceneId) return { page: "scenes" };
+  return {
+    page: "scene",
+    sceneId,
+    stage: STAGES.find((one) => one === stage) ?? "view3d",
+    panel: PANELS.find((one) => one === panel) ?? "photographs",
+  };
+}
+
+/** The fragment of a route. */
+export function hrefOf(route: Route): string {
+  if (route.page === "scenes") return "#/";
+  return `#/scenes/${encodeURIComponent(route.sceneId)}/${route.stage}/${route.panel}`;
+}
+
+export function go(to: Route): void {
+  location.hash = hrefOf(to);
+}

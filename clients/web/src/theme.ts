@@ -1,0 +1,18 @@
+import { effect, signal } from "@preact/signals";
+
+const NAME = "fvs-theme";
+export type Theme = "dark" | "light";
+
+const preferred: Theme = matchMedia("(prefers-color-scheme: light)").matches ? "light" : "dark";
+
+/** Dark or light: as the system prefers until the operator chooses. */
+export const theme = signal<Theme>((localStorage.getItem(NAME) as Theme | null) ?? preferred);
+
+effect(() => {
+  document.documentElement.dataset["theme"] = theme.value;
+});
+
+export function toggleTheme(): void {
+  theme.value = theme.value === "dark" ? "light" : "dark";
+  localStorage.setItem(NAME, theme.value);
+}

@@ -1,0 +1,1 @@
+"""The operator's console: a page of the browser, built from ``clients/web``."""
