@@ -14,6 +14,7 @@ import httpx2
 import numpy as np
 import pytest
 from PIL import Image
+from plyfile import PlyData
 from videos import textured, write_video
 
 from fvs_engine.geometry.geodetic import GeodeticPosition, geodetic_from_enu
@@ -57,7 +58,7 @@ def test_photographs_become_a_snapshot_that_ranks(service: Any, modelled: str) -
     assert quick["metrics"]["registered"] == snapshot["metrics"]["registered"] == 5
     names = {artifact["name"] for artifact in snapshot["artifacts"]}
     files = {"alignment.json", "cameras.json", "colmap.zip", "metrics.json"}
-    assert names == {*files, "point_cloud.ply", "point_cloud.spz"}
+    assert names == {*files, "point_cloud.ply", "point_cloud.spz", "points.ply"}
     sizes = {artifact["name"]: artifact["size_bytes"] for artifact in snapshot["artifacts"]}
     assert sizes["point_cloud.spz"] < 0.3 * sizes["point_cloud.ply"]
     models = {}
@@ -68,6 +69,8 @@ def test_photographs_become_a_snapshot_that_ranks(service: Any, modelled: str) -
             models[how] = {Path(name).name: model.read(name) for name in model.namelist()}
     assert models[zipfile.ZIP_STORED] == models[zipfile.ZIP_DEFLATED]
     assert models[zipfile.ZIP_STORED].keys() == {"cameras.bin", "images.bin", "points3D.bin"}
+    points = service.client.get(f"/v1/snapshots/{snapshot['id']}/artifacts/points.ply").content
+    assert len(PlyData.read(io.BytesIO(points))["vertex"]) == snapshot["metrics"]["points"] > 0
     ranking = service.rank(modelled, snapshot_id=snapshot["id"], rank_all=True)
     assert [place["rank"] for place in ranking["candidates"] if place["rank"]] == [1, 2, 3, 4]
     assert ranking["snapshot_id"] == snapshot["id"]

@@ -135,17 +135,13 @@ class ControlOutcome(Record):
     residuals: ControlResiduals
 
 
-POINTS = "points.npy"
-"""The positions of a model's points [N, 3] in its frame, of which a worker makes the terrain."""
-
-
 class JobOutcome(Record):
     """What a job has made: ``files`` in ``folder``, and which images are registered.
 
     ``model_from_camera`` has the poses of the registered images by digest; ``unregistered`` has the digests
     of all others that the job processed, with the reasons, where there are any. ``positions_ignored``: the
     images contradict the positions, so these do not align the model with the world. ``control``: what does
-    instead, where there are control points that can. Beside the files lie the model's points (``POINTS``).
+    instead, where there are control points that can.
     """
 
     folder: str

@@ -8,12 +8,14 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from fvs_engine.export.points_ply import write_points
 from fvs_engine.geometry import quaternion_from_matrix
 from fvs_engine.scene.scene_model import SceneModel, usual_camera
 from fvs_engine.sfm.colmap.model import MODEL_FILES
+from fvs_engine.sfm.reconstruction import PointCloud
 from fvs_engine.snapshot_cameras import intrinsics_of
 from fvs_engine.splat.views import TrainingView
-from fvs_schema.artifacts import CAMERAS, COLMAP, COLMAP_FOLDER, COMPRESSED, GAUSSIANS, METRICS
+from fvs_schema.artifacts import CAMERAS, COLMAP, COLMAP_FOLDER, COMPRESSED, GAUSSIANS, METRICS, POINTS
 from fvs_schema.images import Image
 from fvs_schema.snapshots import SnapshotCameras, SnapshotMetrics, SnapshotView
 
@@ -27,7 +29,7 @@ def write_artifacts(
     folder: Path,
     views: Sequence[TrainingView],
     images: Mapping[str, Image],
-    points: Array,
+    points: PointCloud,
     model: SceneModel,
     metrics: SnapshotMetrics,
     colmap: Path,
@@ -40,8 +42,11 @@ def write_artifacts(
     """
     shutil.rmtree(folder, ignore_errors=True)
     folder.mkdir(parents=True)
+    # Without points, what the scene is about is where the cameras are.
+    around = points.xyz if len(points) else np.stack([view.centre for view in views])
     model.export(folder / GAUSSIANS)
-    (folder / CAMERAS).write_text(_cameras(views, images, points).model_dump_json(indent=1))
+    write_points(folder / POINTS, points)
+    (folder / CAMERAS).write_text(_cameras(views, images, around).model_dump_json(indent=1))
     (folder / METRICS).write_text(metrics.model_dump_json(indent=1))
     with zipfile.ZipFile(folder / COLMAP, "w") as archive:
         for name in MODEL_FILES:
@@ -51,7 +56,7 @@ def write_artifacts(
             entry.compress_type = zipfile.ZIP_DEFLATED if compressed else zipfile.ZIP_STORED
             # The default level takes four times as long for 7 % fewer bytes (50 images of fox).
             archive.writestr(entry, (colmap / f"{name}.bin").read_bytes(), compresslevel=1)
-    return (GAUSSIANS, COMPRESSED, CAMERAS, METRICS, COLMAP)
+    return (GAUSSIANS, COMPRESSED, POINTS, CAMERAS, METRICS, COLMAP)
 
 
 def _cameras(views: Sequence[TrainingView], images: Mapping[str, Image], points: Array) -> SnapshotCameras:

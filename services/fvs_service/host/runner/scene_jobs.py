@@ -11,8 +11,6 @@ from pathlib import Path
 from types import MappingProxyType
 from typing import Literal
 
-import numpy as np
-
 from fvs_engine.errors import (
     DamagedOutputError,
     OtherSettingsError,
@@ -40,7 +38,7 @@ from fvs_schema.images import Image, Registration
 from fvs_schema.jobs import JobKind
 from fvs_schema.snapshots import SnapshotMetrics
 from fvs_schema.stages import Stage
-from fvs_service.host.protocol.messages import POINTS, ControlOutcome, JobOutcome, RunJob
+from fvs_service.host.protocol.messages import ControlOutcome, JobOutcome, RunJob
 from fvs_service.host.runner.artifacts import write_artifacts
 from fvs_service.host.runner.control_points import StoredImages, control_outcome
 from fvs_service.host.runner.gpu_memory import GpuMemory
@@ -351,10 +349,7 @@ class SceneJobs:
             sh_degree=model.sh_degree,
             **measured,
         )
-        # Without points, what the scene is about is where the cameras are.
-        around = points.xyz if len(points) else np.stack([view.centre for view in views])
-        files = write_artifacts(folder, views, images, around, model, metrics, colmap, compressed=compressed)
-        np.save(folder / POINTS, points.xyz)
+        files = write_artifacts(folder, views, images, points, model, metrics, colmap, compressed=compressed)
         return JobOutcome(
             folder=str(folder),
             files=files,

@@ -6,12 +6,12 @@ import shutil
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
 import structlog
 
 from fvs_engine.errors import EngineError
+from fvs_engine.export.points_ply import read_positions
 from fvs_engine.files.atomic import write_text_atomically
-from fvs_schema.artifacts import ALIGNMENT, TERRAIN
+from fvs_schema.artifacts import ALIGNMENT, POINTS, TERRAIN
 from fvs_schema.images import Image
 from fvs_schema.jobs import Job, JobFailure, JobKind
 from fvs_schema.snapshots import SnapshotAlignment
@@ -19,7 +19,7 @@ from fvs_schema.stages import Stage
 from fvs_service.application import Storage
 from fvs_service.engine_errors import for_clients
 from fvs_service.errors import OutOfSpaceError, ServiceError, StaleLeaseError, StorageUnavailableError
-from fvs_service.host.protocol.messages import POINTS, JobOutcome, RunJob
+from fvs_service.host.protocol.messages import JobOutcome, RunJob
 from fvs_service.host.worker.conversation import Conversation, StageSpans
 from fvs_service.host.worker.leased_scenes import LeasedScene, LeasedScenes
 from fvs_service.host.worker.outcomes import Canceled, Failed, LeftToAnother, Outcome, Paused, Succeeded
@@ -216,7 +216,7 @@ class Attempts:
         placed = SnapshotAlignment(origin=scene.origin, **alignment.model_dump())
         write_text_atomically(folder / ALIGNMENT, placed.model_dump_json(indent=1))
         files = [*made.files, ALIGNMENT]
-        ground = ground_of(np.load(folder / POINTS), placed)
+        ground = ground_of(read_positions(folder / POINTS), placed)
         if ground is not None:
             write_text_atomically(folder / TERRAIN, ground.model_dump_json())
             files.append(TERRAIN)
