@@ -3,6 +3,7 @@ import { loadCameras, type SnapshotCameras } from "../api/artifacts";
 import { type SceneEvent, sceneEvents } from "../api/events";
 import { ServiceError } from "../api/problem";
 import { all, api, data, type Schemas } from "../api/service";
+import { type Camera, Frames } from "../geometry/frames";
 import { report } from "./notices";
 import { throttled } from "./throttle";
 
@@ -15,6 +16,19 @@ export type Selection =
   | { kind: "image"; digest: string }
   | { kind: "candidate"; id: string }
   | { kind: "stop"; id: string };
+
+/** Something drawn on the map, at corners on Earth in order. */
+export interface Drawing {
+  id: string;
+  /** Candidates are made in an area or along a corridor; vehicles stay inside of a fence and out of no-fly zones. */
+  use: "area" | "corridor" | "fence" | "no-fly";
+  corners: readonly { latitude_deg: number; longitude_deg: number }[];
+  /** How far a corridor reaches from its line. */
+  radius_m: number;
+  /** Heights above the scene's origin between which an area or a zone is. */
+  lower_m: number;
+  upper_m: number;
+}
 
 /** Whether events arrive: `live`, `reconnecting` after the connection broke, `ended` when the scene was deleted. */
 export type Connection = "connecting" | "live" | "reconnecting" | "ended";
@@ -44,6 +58,10 @@ export class SceneStore {
   /** The cameras of the shown snapshot; null while there is none. */
   readonly cameras = signal<SnapshotCameras | null>(null);
   readonly selection = signal<Selection | null>(null);
+  /** Areas, corridors, fences and no-fly zones that were drawn on the map. */
+  readonly drawings = signal<readonly Drawing[]>([]);
+  /** The camera to look through in the 3D view; the view sets it to null when the operator moves on. */
+  readonly lookThrough = signal<Camera | null>(null);
 
   /** The shown snapshot; null before the first update. */
   readonly snapshot = computed(
@@ -52,6 +70,11 @@ export class SceneStore {
       this.snapshots.value[0] ??
       null,
   );
+  /** The frames of the shown snapshot; null before the first update. */
+  readonly frames = computed(() => {
+    const snapshot = this.snapshot.value;
+    return snapshot && new Frames(snapshot.alignment, this.scene.value?.origin ?? null);
+  });
   readonly imageByDigest = computed(() => new Map(this.images.value.map((image) => [image.digest, image])));
   /** The job that runs or waits; null when there is none. */
   readonly openJob = computed(
