@@ -29,7 +29,7 @@ def _said(result: Result) -> str:
 def test_rankings_and_plans_become_missions(run: Run, gateway: Any, tmp_path: Path) -> None:
     origin = {"latitude_deg": 46.02, "longitude_deg": 7.75, "altitude_m": 500.0}
     scene = gateway.scene(world={"kind": "enu", "origin": origin})
-    gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED, scale=10.0))
+    snapshot = gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED, scale=10.0))
     ranking = json.loads(run("rank", scene, "--generator", "orbit", "--count", 4, "--json").stdout)["id"]
     fence, home = "46.01,7.74;46.03,7.74;46.03,7.76;46.01,7.76", ("--home", "46.02,7.75,495")
     heights = ("--transit-height", 40, "--lowest", 0, "--highest", 120)
@@ -68,7 +68,15 @@ def test_rankings_and_plans_become_missions(run: Run, gateway: Any, tmp_path: Pa
     ]
     assert [Path(file).name for file in halved] == [f"{ranking}-{part}-of-2.csv" for part in (1, 2)]
     assert all(Path(file).is_file() for file in halved)
-    assert "is no id of a ranking or plan" in run("mission", "nothing", expect=2).stderr
+    again = ("mission", snapshot, "--format", "csv", "--json", "--out", tmp_path / "again.csv", "--leave-out")
+    run(*again, *home, "--lowest", -50)
+    assert (tmp_path / "again.csv").read_text().count("sha256:") == 6
+    assert "With a snapshot it is `points`" in run(*again, *home, "--terrain", tour, expect=2).stderr
+    newer = gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED, scale=10.0))
+    gateway.client.delete(f"/v1/snapshots/{snapshot}")
+    assert run("mission", tour, "--format", "csv", "--out", out, "--leave-out", "--json").exit_code == 0
+    assert newer != snapshot
+    assert "is no id of a ranking, plan or snapshot" in run("mission", "nothing", expect=2).stderr
     for place in ("north", "nan,7.75", "46,7,inf", "46", "1,2,3,4"):
         assert "is not LAT,LON" in run("mission", ranking, "--home", place, expect=2).stderr
     assert "`--home` must be at most 90." in run("mission", ranking, "--home", "91,7.75", expect=2).stderr

@@ -8,7 +8,7 @@ from pydantic import ConfigDict, Field, field_validator, model_validator
 from fvs_schema.base import Input
 from fvs_schema.checks import of_fields, within
 from fvs_schema.fence import MOST_CORNERS, Fence, Place
-from fvs_schema.names import CandidateId
+from fvs_schema.names import CandidateId, Digest
 from fvs_schema.plans import Stop
 from fvs_schema.poses import Pose
 from fvs_schema.quantities import WHOLE, Altitude, AsText, Latitude, Longitude, Number, Tilt
@@ -248,7 +248,10 @@ class MissionView(Input):
 
 
 class MissionRequest(Input):
-    """Views to photograph, in the order of the flight."""
+    """Views to photograph, in the order of the flight; or photographs of a snapshot to take again.
+
+    Exactly one of `views`, `images` and `all_images` is given.
+    """
 
     model_config = ConfigDict(
         json_schema_extra={
@@ -272,11 +275,20 @@ class MissionRequest(Input):
     )
 
     views: Annotated[tuple[MissionView, ...], Field(fail_fast=True), within("candidates_per_ranking")] = ()
-    """At least one."""
+    """Views with their poses."""
+    images: Annotated[
+        tuple[Digest, ...] | None, Field(min_length=1, fail_fast=True), within("candidates_per_ranking")
+    ] = None
+    """Registered images of the snapshot, by digest: from where they were taken, photographs are taken again.
+    The digest is the id of the view."""
+    all_images: bool = False
+    """All registered images of the snapshot, in the order in which they were taken, or arrived where that is
+    not known of all."""
     via_home: Annotated[tuple[Pose, ...], Field(fail_fast=True), within(_MOST_VIA)] = ()
     """Where to pass on the way home, in order."""
     snapshot_id: str | None = None
-    """The snapshot whose alignment relates poses of the model frame to the world; by default the newest."""
+    """The snapshot that has the images, and whose alignment relates poses of the model frame to the world; by
+    default the newest."""
     terrain: AnyTerrain | None = None
     """The ground, from which heights are measured; by default from home. Home is then required."""
 
@@ -284,6 +296,11 @@ class MissionRequest(Input):
     def _different(self) -> Self:
         if len({view.id for view in self.views}) < len(self.views):
             raise of_fields("two views have the same id", "views")
+        if self.images is not None and len(set(self.images)) < len(self.images):
+            raise of_fields("an image is there twice", "images")
+        given = [name for name in ("views", "images", "all_images") if getattr(self, name)]
+        if len(given) > 1:
+            raise of_fields(f"give only one of {' and '.join(given)}", *given)
         return self
 
 

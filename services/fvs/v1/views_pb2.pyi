@@ -944,16 +944,20 @@ class MissionView(_message.Message):
     def __init__(self, id: _Optional[str] = ..., pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., via: _Optional[_Iterable[_Union[_poses_pb2.Pose, _Mapping]]] = ...) -> None: ...
 
 class MissionRequest(_message.Message):
-    __slots__ = ("views", "via_home", "snapshot_id", "terrain")
+    __slots__ = ("views", "via_home", "snapshot_id", "terrain", "images", "all_images")
     VIEWS_FIELD_NUMBER: _ClassVar[int]
     VIA_HOME_FIELD_NUMBER: _ClassVar[int]
     SNAPSHOT_ID_FIELD_NUMBER: _ClassVar[int]
     TERRAIN_FIELD_NUMBER: _ClassVar[int]
+    IMAGES_FIELD_NUMBER: _ClassVar[int]
+    ALL_IMAGES_FIELD_NUMBER: _ClassVar[int]
     views: _containers.RepeatedCompositeFieldContainer[MissionView]
     via_home: _containers.RepeatedCompositeFieldContainer[_poses_pb2.Pose]
     snapshot_id: str
     terrain: AnyTerrain
-    def __init__(self, views: _Optional[_Iterable[_Union[MissionView, _Mapping]]] = ..., via_home: _Optional[_Iterable[_Union[_poses_pb2.Pose, _Mapping]]] = ..., snapshot_id: _Optional[str] = ..., terrain: _Optional[_Union[AnyTerrain, _Mapping]] = ...) -> None: ...
+    images: _containers.RepeatedScalarFieldContainer[str]
+    all_images: bool
+    def __init__(self, views: _Optional[_Iterable[_Union[MissionView, _Mapping]]] = ..., via_home: _Optional[_Iterable[_Union[_poses_pb2.Pose, _Mapping]]] = ..., snapshot_id: _Optional[str] = ..., terrain: _Optional[_Union[AnyTerrain, _Mapping]] = ..., images: _Optional[_Iterable[str]] = ..., all_images: _Optional[bool] = ...) -> None: ...
 
 class Terrain(_message.Message):
     __slots__ = ("south_deg", "west_deg", "latitude_step_deg", "longitude_step_deg", "columns", "heights_m", "altitude_datum")

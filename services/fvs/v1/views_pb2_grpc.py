@@ -228,7 +228,8 @@ class ViewServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def CreateMission(self, request, context):
-        """Write views, such as stops of plans or candidates of rankings, as a mission. It is not stored.
+        """Write views, such as stops of plans or candidates of rankings, as a mission. It is not stored. Photographs of a
+        snapshot, in place of views, are taken again.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

@@ -1,6 +1,7 @@
 """Images in the database."""
 
 from collections.abc import Collection, Iterable, Mapping
+from datetime import datetime
 from typing import Any
 
 from sqlalchemy import select, update
@@ -101,6 +102,21 @@ def known_images(session: Session, scene_id: str, digests: Collection[str]) -> d
                 mask=document["mask"],
             )
     return found
+
+
+def in_order_of_capture(session: Session, scene_id: str) -> tuple[str, ...]:
+    """The digests of accepted images in the order in which they were taken, or arrived.
+
+    They were taken in a known order if all have a time.
+    """
+    rows = session.execute(
+        select(ImageRow.sha256, ImageRow.document["captured_at"].as_string())
+        .where(ImageRow.scene_id == scene_id, ImageRow.verdict == Verdict.ACCEPTED.value)
+        .order_by(ImageRow.number)
+    ).all()
+    if all(captured_at is not None for _, captured_at in rows):
+        rows = sorted(rows, key=lambda row: datetime.fromisoformat(row[1]))
+    return tuple(f"sha256:{sha256}" for sha256, _ in rows)
 
 
 def waiting_videos(session: Session, scene_id: str) -> tuple[Image, ...]:

@@ -55,7 +55,10 @@ async def create_mission(
     options: Annotated[MissionOptions, Query()],
     read: Annotated[ReadRequest, Depends(unread_json_body(MissionRequest, to_read))],
 ) -> Response:
-    """Write views, such as stops of plans or candidates of rankings, as a mission. It is not stored."""
+    """Write views, such as stops of plans or candidates of rankings, as a mission. It is not stored.
+
+    Photographs of a snapshot, in place of views, are taken again.
+    """
     return _response(await run_in_threadpool(app.missions.of_views, caller, scene_id, read, options))
 
 

@@ -6,11 +6,13 @@ from typing import TypeAlias
 from fvs_schema.candidates import Candidate
 from fvs_schema.error_codes import FieldError
 from fvs_schema.missions import MissionFile, MissionOptions, MissionRequest, MissionView, PlanMissionOptions
-from fvs_schema.poses import Pose, frame_of
+from fvs_schema.poses import FramePose, Pose, frame_of
 from fvs_schema.scenes import Alignment, AlignmentStatus
 from fvs_schema.snapshots import PinholeIntrinsics
 from fvs_schema.terrain import TerrainOfPoints
 from fvs_service.errors import InvalidRequestError, NotFoundError
+from fvs_service.images.repository import in_order_of_capture
+from fvs_service.missions.composition import MOST_NAMED
 from fvs_service.missions.writing import write_mission
 from fvs_service.plans.service import Plans
 from fvs_service.principal import Principal, Scope
@@ -65,22 +67,53 @@ class Missions:
     def of_views(
         self, principal: Principal, scene_id: str, read: ReadRequest, options: MissionOptions
     ) -> MissionFile:
-        """The views of a request, in its order; raises as ``of_ranking``."""
+        """The views of a request, or the photographs that it names; raises as ``of_ranking``."""
         principal.require(Scope.READ, scene_id)
         with self._database.querying() as reader:
             scene = scene_head_of(reader, principal, scene_id)
         request = read()
         snapshot = self._frames.snapshot(principal, scene, request.snapshot_id)
         frame = self._frames.frame(snapshot.id, scene.origin)
-        poses = [view.pose for view in request.views]
+        wanted = request.views or self._photographed(scene.id, snapshot.id, request)
+        poses = [view.pose for view in wanted]
         _require_sure_axes(snapshot.alignment, given=all(frame_of(pose) != "model" for pose in poses))
-        views = request.views[: options.first]
-        via_home = _way_home(request.via_home, views, request.views)
+        views = wanted[: options.first]
+        via_home = _way_home(request.via_home, views, wanted)
         ground, camera = self._surroundings(snapshot.id)
         terrain = request.terrain
         if isinstance(terrain, TerrainOfPoints):
             terrain = self._frames.ground(snapshot.id)
         return write_mission(scene.id, frame, views, via_home, options, ground, camera, terrain)
+
+    def _photographed(
+        self, scene_id: str, snapshot_id: str, request: MissionRequest
+    ) -> tuple[MissionView, ...]:
+        """The views of a snapshot's images that a request names."""
+        taken = {view.image: view for view in self._frames.cameras(snapshot_id).views}
+        if request.all_images:
+            with self._database.reading() as session:
+                order = in_order_of_capture(session, scene_id)
+            present = [digest for digest in order if digest in taken]
+            wanted = [*present, *(digest for digest in taken if digest not in set(present))]
+        else:
+            wanted = list(request.images or ())
+        if missing := [digest for digest in wanted if digest not in taken]:
+            raise InvalidRequestError(
+                f"{len(missing)} of the images have no pose in the snapshot. The first is {missing[0]}.",
+                hint="Leave them out, or name a snapshot in which they are registered.",
+                errors=[FieldError("images", f"{digest} has no pose") for digest in missing[:MOST_NAMED]],
+            )
+        return tuple(
+            MissionView(
+                id=digest,
+                pose=FramePose(
+                    frame="model",
+                    position=taken[digest].position,
+                    orientation_wxyz=taken[digest].orientation_wxyz,
+                ),
+            )
+            for digest in wanted
+        )
 
     def _surroundings(self, snapshot_id: str) -> tuple[float | None, PinholeIntrinsics | None]:
         """The height of the model's lowest point in the world frame, and the camera of its images.

@@ -5,6 +5,7 @@ import json
 from typing import Any
 
 import pytest
+from fvs_service.images.repository import in_order_of_capture
 
 from fvs_schema.scenes import Alignment, AlignmentStatus
 
@@ -172,6 +173,86 @@ def test_a_plan_has_a_mission_for_each_vehicle(gateway: Any, scene: str, ranking
     assert flown == [[stop["id"] for stop in tour["stops"]] for tour in plan["tours"]]
     beyond = gateway.client.get(path, params={"format": "csv", "vehicle": 3}).json()
     assert beyond["errors"] == [{"field": "vehicle", "message": "the plan is for 2 vehicles, counted from 1"}]
+
+
+def test_photographs_are_taken_again(gateway: Any) -> None:
+    scene = gateway.scene(world={"kind": "enu", "origin": ORIGIN})
+    snapshot = gateway.model(scene, alignment=ALIGNED)
+    cameras = gateway.client.get(f"/v1/snapshots/{snapshot}/artifacts/cameras.json").json()
+    digests = [view["image"] for view in cameras["views"]]
+    address, options = f"/v1/scenes/{scene}/missions", {"format": "csv", "lowest_height_m": -100, **HOME}
+
+    def flown(document: Any) -> list[dict[str, str]]:
+        return _rows(gateway.client.post(address, json=document, params=options))
+
+    views = [
+        {
+            "id": view["image"],
+            "pose": {
+                "frame": "model",
+                "position": view["position"],
+                "orientation_wxyz": view["orientation_wxyz"],
+            },
+        }
+        for view in cameras["views"]
+    ]
+    by_hand = flown({"views": views})
+    assert [row["id"] for row in by_hand] == digests
+    assert flown({"all_images": True, "snapshot_id": snapshot}) == by_hand
+    two = flown({"images": [digests[3], digests[1]]})
+    assert [row["id"] for row in two] == [digests[3], digests[1]]
+    assert two[0]["latitude_deg"] == by_hand[3]["latitude_deg"]
+    for wrong, field in (
+        ({"images": [digests[0], f"sha256:{'0' * 64}"]}, "images"),
+        ({"images": [digests[0], digests[0]]}, "images"),
+        ({"images": []}, "images"),
+        ({"images": ["all"]}, "images.0"),
+        ({"images": digests, "all_images": True}, "images"),
+        ({"views": views, "all_images": True}, "views"),
+    ):
+        refused = gateway.client.post(address, json=wrong, params=options)
+        assert refused.status_code == 422
+        assert refused.json()["errors"][0]["field"] == field
+
+
+def test_all_photographs_are_in_the_order_of_capture(gateway: Any, photograph: Any) -> None:
+    scene = gateway.scene(world={"kind": "enu", "origin": ORIGIN})
+    at = {
+        "first": "2026-05-01T10:00:00+02:00",
+        "last": "2026-05-01T09:00:00Z",
+        "second": "2026-05-01T08:30:00Z",
+    }
+    digests = {
+        name: gateway.put(scene, photograph(seed), captured_at=time).json()["digest"]
+        for seed, (name, time) in enumerate(at.items())
+    }
+    with gateway.application.storage.database.reading() as session:
+        found = in_order_of_capture(session, scene)
+    assert found == (digests["first"], digests["second"], digests["last"])
+    without = gateway.put(scene, photograph(7)).json()["digest"]
+    with gateway.application.storage.database.reading() as session:
+        found = in_order_of_capture(session, scene)
+    assert found == (*digests.values(), without)
+
+
+def test_missions_outlive_the_snapshot(gateway: Any) -> None:
+    scene = gateway.scene(world={"kind": "enu", "origin": ORIGIN})
+    snapshot = gateway.model(scene, alignment=ALIGNED)
+    paths = []
+    for frame in ("model", "geodetic"):
+        paths.append(f"/v1/rankings/{_ranking(gateway, scene, **ORBIT, frame=frame)['id']}/mission")
+        plan = gateway.client.post(f"/v1/scenes/{scene}/plans", json={**ORBIT, "frame": frame}).json()
+        paths.append(f"/v1/plans/{plan['id']}/mission")
+    before = [_rows(gateway.client.get(path, params={"format": "csv", **HOME})) for path in paths]
+    gateway.model(scene, alignment=Alignment(status=AlignmentStatus.ALIGNED, scale=20.0))
+    assert gateway.client.delete(f"/v1/snapshots/{snapshot}").status_code == 204
+    frames = gateway.application.missions._frames
+    for name in ("_snapshot", "_cameras", "_geometry", "_frame"):  # a gateway that starts later has none
+        getattr(frames, name).cache_clear()
+    after = [_rows(gateway.client.get(path, params={"format": "csv", **HOME})) for path in paths]
+    assert after == before
+    refused = gateway.client.get(paths[0], params={"format": "nerfstudio"})
+    assert "snapshot of the ranking was deleted" in refused.json()["detail"]
 
 
 def test_tours_of_vehicles_are_cut_to_a_battery(gateway: Any, scene: str, ranking: Any) -> None:

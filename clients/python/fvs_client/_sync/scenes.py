@@ -19,6 +19,7 @@ from fvs_client.models.resources import SceneData
 from fvs_schema.candidates import Candidate, Generator
 from fvs_schema.control_points import ControlPoints
 from fvs_schema.events import Event
+from fvs_schema.images import Image
 from fvs_schema.jobs import JobKind
 from fvs_schema.missions import MissionFormat, MissionRequest, MissionView
 from fvs_schema.plans import PlanRequest, Stop, Tour
@@ -281,6 +282,29 @@ class Scene(Resource, SceneData):
         """
         options = mission_options(format, settings)
         mission = _mission(views, snapshot_id, terrain)
+        return mission_file(self._session.response(requests.create_mission(self.id, mission, options)))
+
+    def mission_of_images(
+        self,
+        format: MissionFormat | str,  # noqa: A002
+        images: Iterable[Image | str] | None = None,
+        *,
+        snapshot_id: str | None = None,
+        terrain: AnyTerrain | None = None,
+        **settings: Unpack[MissionSettings],
+    ) -> MissionFile:
+        """Get the photographs of a snapshot, by default of the newest, as a mission that takes them again.
+
+        ``images`` are registered ones, or their digests; by default all, in the order in which they were
+        taken. Raises as ``mission``.
+        """
+        options = mission_options(format, settings)
+        digests = None
+        if images is not None:
+            digests = tuple(image if isinstance(image, str) else image.digest for image in images)
+        mission = MissionRequest(
+            images=digests, all_images=digests is None, snapshot_id=snapshot_id, terrain=terrain
+        )
         return mission_file(self._session.response(requests.create_mission(self.id, mission, options)))
 
     def events(self, after: int | None = 0) -> Iterator[Event]:

@@ -27,13 +27,13 @@ from fvs_client.height_model import HeightModel, places_of
 from fvs_client.models.plans import PlanData
 from fvs_schema.mistakes import described
 from fvs_schema.plans import Stop
-from fvs_schema.poses import Pose
+from fvs_schema.poses import Pose, frame_of
 from fvs_schema.rankings import RankedCandidate
 from fvs_schema.scenes import Origin
 from fvs_schema.terrain import Terrain, TerrainOfPoints
 from fvs_schema.words import POINTS
 
-_RANKING, _PLAN = "rnk_", "pln_"
+_RANKING, _PLAN, _SNAPSHOT = "rnk_", "pln_", "snp_"
 _PLANS = "`fvs-client plan --json` writes plans."
 _HOMES = "LAT,LON or LAT,LON,ALT"
 
@@ -43,7 +43,8 @@ def mission(
     what: Annotated[
         str,
         typer.Argument(
-            metavar="RANKING|PLAN", help="A ranking's or plan's id, or a file of `fvs-client plan --json`."
+            metavar="RANKING|PLAN|SNAPSHOT",
+            help="An id, or a file of `fvs-client plan --json`. Photographs of a snapshot are taken again.",
         ),
     ],
     format: Annotated[  # noqa: A002
@@ -142,7 +143,7 @@ def mission(
     drone: Annotated[Drone, typer.Option(help="Aircraft of a DJI mission.")] = Drone.M3E,
     as_json: JsonOption = False,
 ) -> None:
-    """Write a ranking, or a plan, as a mission for an autopilot or a ground station."""
+    """Write a ranking, plan, or snapshot's photographs as a mission for an autopilot or a ground station."""
     settings: dict[str, Any] = {
         "first": first,
         **_home(home),
@@ -163,16 +164,22 @@ def mission(
         "drone": drone,
     }
     given = {name: value for name, value in settings.items() if value is not None}
-    plan = None if what.startswith((_RANKING, _PLAN)) else _plan(Path(what))
+    plan = None if what.startswith((_RANKING, _PLAN, _SNAPSHOT)) else _plan(Path(what))
     with service(context, as_json=as_json) as client:
-        if what.startswith(_RANKING) and terrain is None:
+        if what.startswith(_SNAPSHOT):
+            if terrain not in (None, POINTS):
+                raise typer.BadParameter("With a snapshot it is `points`.", param_hint="--terrain")
+            scene = client.scenes.get(client.snapshots.get(what).scene_id)
+            given |= {"snapshot_id": what, "terrain": _ground(terrain, (), (), None, home)}
+            write = partial(scene.mission_of_images, format, **given)
+        elif what.startswith(_RANKING) and terrain is None:
             write = partial(client.rankings.get(what).mission, format, **given)
         elif what.startswith(_RANKING):
             ranking = client.rankings.get(what)
             ranked = [item for item in ranking.candidates if item.rank is not None]
             ground = _ground(terrain, ranked[:first], (), ranking.origin, home)
             scene = client.scenes.get(ranking.scene_id)
-            given |= {"snapshot_id": ranking.snapshot_id, "terrain": ground}
+            given |= {"snapshot_id": _needed(ranking.snapshot_id, ranked, ()), "terrain": ground}
             write = partial(scene.mission, ranked, format, **given)
         elif plan is None and terrain is None:
             write = partial(client.plans.get(what).mission, format, vehicle=vehicle, **given)
@@ -181,7 +188,7 @@ def mission(
             tour = _tour(plan, vehicle)
             ground = _ground(terrain, tour.stops[:first], tour.via_home, plan.origin, home)
             scene = client.scenes.get(plan.scene_id)
-            given |= {"snapshot_id": plan.snapshot_id, "terrain": ground}
+            given |= {"snapshot_id": _needed(plan.snapshot_id, tour.stops, tour.via_home), "terrain": ground}
             write = partial(scene.mission, tour, format, **given)
         file = write()
         folder = out if battery_distance is None else f"{out}/"
@@ -234,12 +241,21 @@ def _ground(
         return heights.around([(given["home_latitude_deg"], given["home_longitude_deg"]), *places])
 
 
+def _needed(
+    snapshot_id: str, views: Sequence[RankedCandidate | Stop], via_home: Sequence[Pose]
+) -> str | None:
+    """The snapshot, if poses are in its frame: for others it may have been deleted."""
+    via = (pose for view in views if isinstance(view, Stop) for pose in view.via)
+    poses = [*(view.pose for view in views), *via, *via_home]
+    return snapshot_id if any(frame_of(pose) == "model" for pose in poses) else None
+
+
 def _plan(path: Path) -> PlanData:
     try:
         document = json.loads(path.read_bytes())
     except OSError as error:
         raise typer.BadParameter(
-            f"{path} is no id of a ranking or plan, and no file: {error.strerror}."
+            f"{path} is no id of a ranking, plan or snapshot, and no file: {error.strerror}."
         ) from error
     except ValueError as error:
         raise typer.BadParameter(f"{path}: It is no JSON: {error}. {_PLANS}") from error

@@ -679,6 +679,8 @@ export interface paths {
         /**
          * Create Mission
          * @description Write views, such as stops of plans or candidates of rankings, as a mission. It is not stored.
+         *
+         *     Photographs of a snapshot, in place of views, are taken again.
          */
         post: operations["create_mission"];
         delete?: never;
@@ -2086,7 +2088,9 @@ export interface components {
         MissionFormat: "qgc-plan" | "qgc-wpl" | "dji-kmz" | "mavsdk" | "geojson" | "csv" | "ros-posearray" | "ros-posestamped" | "nerfstudio";
         /**
          * MissionRequest
-         * @description Views to photograph, in the order of the flight.
+         * @description Views to photograph, in the order of the flight; or photographs of a snapshot to take again.
+         *
+         *     Exactly one of `views`, `images` and `all_images` is given.
          * @example {
          *       "views": [
          *         {
@@ -2103,11 +2107,24 @@ export interface components {
          *     }
          */
         MissionRequest: {
-            /** @description At least one. */
+            /** @description Views with their poses. */
             views?: components["schemas"]["MissionView"][];
+            /**
+             * @description Registered images of the snapshot, by digest: from where they were taken, photographs are taken again.
+             *     The digest is the id of the view.
+             */
+            images?: string[] | null;
+            /**
+             * @description All registered images of the snapshot, in the order in which they were taken, or arrived where that is
+             *     not known of all. Default: `false`.
+             */
+            all_images?: boolean;
             /** @description Where to pass on the way home, in order. */
             via_home?: (components["schemas"]["FramePose"] | components["schemas"]["VehiclePose"])[];
-            /** @description The snapshot whose alignment relates poses of the model frame to the world; by default the newest. */
+            /**
+             * @description The snapshot that has the images, and whose alignment relates poses of the model frame to the world; by
+             *     default the newest.
+             */
             snapshot_id?: string | null;
             /** @description The ground, from which heights are measured; by default from home. Home is then required. */
             terrain?: (components["schemas"]["Terrain"] | components["schemas"]["TerrainOfPoints"]) | null;
