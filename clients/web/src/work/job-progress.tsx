@@ -1,0 +1,40 @@
+import type { Schemas } from "../api/service";
+import { formatDuration, formatPercent } from "../components/format";
+import { strings } from "../strings";
+
+/** What an open job does now, in words: its stage, or why it waits. */
+export function doing(job: Schemas["Job"]): string {
+  if (job.cancel_requested) return strings.work.canceling;
+  if (job.state === "queued") {
+    return job.waiting ? strings.work.waiting[job.waiting.reason] : strings.work.states.queued;
+  }
+  return job.stage ? strings.work.stages[job.stage] : strings.work.states.running;
+}
+
+/** When an open job ends or starts, as far as the service knows; empty when it does not. */
+export function remaining(job: Schemas["Job"]): string {
+  if (job.state === "queued") {
+    const eta = job.waiting?.eta_s ?? null;
+    return eta === null ? "" : strings.work.startsIn(formatDuration(eta));
+  }
+  return job.eta_s === null ? "" : strings.work.left(formatDuration(job.eta_s));
+}
+
+/** An open job in one line: kind, stage, a bar, percent and the time left. */
+export function JobProgress({ job }: { job: Schemas["Job"] }) {
+  const kind = strings.work.kinds[job.kind];
+  return (
+    <span class="job-progress">
+      <span class="what">
+        <strong>{kind}</strong> {doing(job)}
+      </span>
+      {job.state === "running" && (
+        <>
+          <progress value={job.progress} max={1} aria-label={kind} />
+          <span class="tabular">{formatPercent(job.progress)}</span>
+        </>
+      )}
+      <span class="muted left">{remaining(job)}</span>
+    </span>
+  );
+}
