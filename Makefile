@@ -48,10 +48,9 @@ $(CONSOLE_INSTALLED): $(CONSOLE)/package-lock.json $(INSTALLED)
 	touch $@
 
 # Generators of clients, for a test: in an environment of their own, since they want other versions than ours.
-$(GENERATORS): $(GENERATED)/requirements.txt $(GENERATED)/package-lock.json
+$(GENERATORS): $(GENERATED)/requirements.txt
 	$(PYTHON) -m venv $(VENV)/generators
 	$(VENV)/generators/bin/python -m pip install --quiet --requirement $(GENERATED)/requirements.txt
-	if command -v npm >/dev/null; then npm ci --prefix $(GENERATED) --silent --no-audit --no-fund; fi
 	touch $@
 
 demo: setup
@@ -87,7 +86,7 @@ test: setup
 unit: setup
 	$(BIN)/python -m pytest -n 2 -m "unit and not system and not slow"
 
-test-system: setup kernels
+test-system: setup kernels $(CONSOLE_INSTALLED)
 	$(BIN)/python -m pytest -n $(WORKERS) -m "system and not slow"
 
 kernels: setup
@@ -100,7 +99,7 @@ test-slow: setup
 
 # Child processes write their data beside the first one's, wherever they run.
 coverage: export COVERAGE_FILE := $(CURDIR)/.coverage
-coverage: setup kernels
+coverage: setup kernels $(CONSOLE_INSTALLED)
 	$(BIN)/python -m coverage erase
 	$(BIN)/python -m coverage run -m pytest -n $(WORKERS) -m "not slow"
 	$(BIN)/python -m coverage combine --quiet
@@ -128,4 +127,4 @@ bench: setup
 		--scene "bonsai=$(FVS_DATA)/bonsai/reference,$(FVS_DATA)/bonsai/images,800"
 
 clean:
-	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .coverage* out site $(GENERATED)/node_modules $(CONSOLE)/node_modules
+	rm -rf $(VENV) .mypy_cache .ruff_cache .pytest_cache .hypothesis .import_linter_cache .coverage* out site $(CONSOLE)/node_modules

@@ -23,7 +23,8 @@ from fvs_engine.monitor import Monitor
 
 HERE = Path(__file__).resolve().parent
 GENERATORS = Path(sys.prefix) / "generators" / "bin"
-NODE_MODULES = HERE / "node_modules"
+NODE = Path(sys.executable).with_name("node")
+NODE_MODULES = HERE.parents[2] / "clients" / "web" / "node_modules"
 _SMALL = {
     "FVS_WORKER__LONG_SIDE_PX": "96",
     "FVS_WORKER__INITIAL_ITERATIONS": "60",
@@ -104,17 +105,17 @@ def test_a_python_client_runs_the_loop(generated_for: Served, tmp_path: Path) ->
 
 @pytest.mark.system
 def test_a_typescript_client_runs_the_loop(generated_for: Served, tmp_path: Path) -> None:
-    found = shutil.which("node") is not None and NODE_MODULES.is_dir()
-    _require(found, "Node.js or its packages are not installed: see CONTRIBUTING.md")
+    _require(NODE_MODULES.is_dir(), "the packages of clients/web are not installed: make check-console")
     (tmp_path / "node_modules").symlink_to(NODE_MODULES)
-    for name in ("loop.ts", "package.json", "tsconfig.json"):
+    (tmp_path / "package.json").write_text('{"type": "module"}')
+    for name in ("loop.ts", "tsconfig.json"):
         shutil.copy(HERE / name, tmp_path)
     programs = NODE_MODULES / ".bin"
     document = f"{generated_for.url}/openapi.json"
-    _run(programs / "openapi-typescript", document, "--output", "fvs-rest.d.ts", cwd=tmp_path)
-    _run(programs / "tsc", "--project", ".", cwd=tmp_path)
+    _run(NODE, programs / "openapi-typescript", document, "--output", "fvs-rest.d.ts", cwd=tmp_path)
+    _run(NODE, programs / "tsc", "--project", ".", cwd=tmp_path)
     _run(
-        *("node", "loop.js", generated_for.url, generated_for.key, generated_for.photographs, tmp_path),
+        *(NODE, "loop.js", generated_for.url, generated_for.key, generated_for.photographs, tmp_path),
         cwd=tmp_path,
     )
     _check(tmp_path)
