@@ -91,6 +91,8 @@ def images(surface: Surface) -> Iterator[Any]:
     yield surface.items(scene.images.list(), None)
     yield surface.do(scene.images.put, b"no image")
     yield surface.attempt(scene.images.get, f"sha256:{'0' * 64}")
+    yield surface.do(scene.images.thumbnail, surface.items(scene.images.list(), None)[0].digest)
+    yield surface.attempt(scene.images.thumbnail, f"sha256:{'0' * 64}")
     yield surface.attempt(scene.images.check, ["md5:1"])
     yield surface.do(scene.refresh)
 

@@ -53,6 +53,7 @@ REST_ONLY = {
 OTHERWISE = {
     "PUT /v1/scenes/{scene_id}/images/sha256:{hexadecimal}": "UploadImage",
     "GET /v1/scenes/{scene_id}/images/sha256:{hexadecimal}/content": "DownloadImage",
+    "GET /v1/scenes/{scene_id}/images/sha256:{hexadecimal}/thumbnail": "GetThumbnail",
     "PUT /v1/scenes/{scene_id}/images/sha256:{hexadecimal}/mask": "SetMask",
     "PUT /v1/scenes/{scene_id}/images/sha256:{hexadecimal}/subtitles": "SetSubtitles",
     "GET /v1/snapshots/{snapshot_id}/artifacts/{name}": "DownloadArtifact",
@@ -274,6 +275,7 @@ def test_every_message_has_a_model_or_is_of_grpc(document: dict[str, Any]) -> No
             "DownloadPart",
             "CandidateRender",
             "ViewRender",
+            "Thumbnail",
             "MissionFile",
         ),  # and bodies that are bytes
         *(

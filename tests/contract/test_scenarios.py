@@ -106,12 +106,14 @@ def test_images_are_uploaded_once_judged_and_listed(
         assert checked["known"] == digests[:2]
         assert [image["verdict"] for image in checked["images"]] == ["unreadable", "accepted"]
         tenant.call("GetImage", scene_id=scene, digest=digest)
+        assert tenant.call("GetThumbnail", scene_id=scene, digest=digest).result.startswith(b"\xff\xd8")
         assert tenant.call("ExcludeImage", scene_id=scene, digest=digest).result["registration"] == "excluded"
         tenant.call("IncludeImage", scene_id=scene, digest=digest)
         assert tenant.call("RemoveMask", scene_id=scene, digest=digest).result["mask"] is None
         tenant.call("ListImages", scene_id=scene, limit=2)
         tenant.call("DeleteImage", scene_id=scene, digest=digest)
-        refused(tenant.call("GetImage", scene_id=scene, digest=digest), "not-found")
+        for call in ("GetImage", "GetThumbnail"):
+            refused(tenant.call(call, scene_id=scene, digest=digest), "not-found")
         refused(tenant.call("ListImages", scene_id=scene, after="x"), "invalid-request")
 
     compare(scenario)

@@ -344,6 +344,11 @@ def original_of(scene_id: str, digest: str) -> str:
     return f"{images_of(scene_id)}/{_part(digest)}/content"
 
 
+def get_thumbnail(scene_id: str, digest: str) -> Request:
+    """Get the thumbnail of an image."""
+    return Request("GET", f"{images_of(scene_id)}/{_part(digest)}/thumbnail")
+
+
 def read_content(path: str, start: int = 0, tag: str | None = None) -> Request:
     """Get an artifact or an original, from byte ``start`` if its ETag is still ``tag``."""
     headers: dict[str, str] = {"Accept-Encoding": "identity"}

@@ -197,7 +197,7 @@ class SceneSize(Output):
     scene_id: str
     """The scene."""
     images_bytes: Count
-    """The original images."""
+    """The original images and their thumbnails."""
     artifacts_bytes: Count
     """The artifacts of its snapshots; equal ones count once."""
     working_bytes: Count

@@ -210,6 +210,20 @@ class DownloadImageRequest(_message.Message):
     stop: int
     def __init__(self, scene_id: _Optional[str] = ..., digest: _Optional[str] = ..., start: _Optional[int] = ..., stop: _Optional[int] = ...) -> None: ...
 
+class GetThumbnailRequest(_message.Message):
+    __slots__ = ("scene_id", "digest")
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    DIGEST_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    digest: str
+    def __init__(self, scene_id: _Optional[str] = ..., digest: _Optional[str] = ...) -> None: ...
+
+class Thumbnail(_message.Message):
+    __slots__ = ("jpeg",)
+    JPEG_FIELD_NUMBER: _ClassVar[int]
+    jpeg: bytes
+    def __init__(self, jpeg: _Optional[bytes] = ...) -> None: ...
+
 class Prior(_message.Message):
     __slots__ = ("source", "latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m", "yaw_deg", "pitch_deg", "roll_deg", "position_sigma_m", "attitude_sigma_deg")
     SOURCE_FIELD_NUMBER: _ClassVar[int]

@@ -97,6 +97,11 @@ class ImageServiceStub:
                 request_serializer=fvs_dot_v1_dot_images__pb2.DownloadImageRequest.SerializeToString,
                 response_deserializer=fvs_dot_v1_dot_downloads__pb2.DownloadPart.FromString,
                 _registered_method=True)
+        self.GetThumbnail = channel.unary_unary(
+                '/fvs.v1.ImageService/GetThumbnail',
+                request_serializer=fvs_dot_v1_dot_images__pb2.GetThumbnailRequest.SerializeToString,
+                response_deserializer=fvs_dot_v1_dot_images__pb2.Thumbnail.FromString,
+                _registered_method=True)
 
 
 class ImageServiceServicer:
@@ -190,6 +195,13 @@ class ImageServiceServicer:
         context.set_details('Method not implemented!')
         raise NotImplementedError('Method not implemented!')
 
+    def GetThumbnail(self, request, context):
+        """Return an accepted image as a JPEG with a long side of at most 320 px, upright.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
 
 def add_ImageServiceServicer_to_server(servicer, server):
     rpc_method_handlers = {
@@ -252,6 +264,11 @@ def add_ImageServiceServicer_to_server(servicer, server):
                     servicer.DownloadImage,
                     request_deserializer=fvs_dot_v1_dot_images__pb2.DownloadImageRequest.FromString,
                     response_serializer=fvs_dot_v1_dot_downloads__pb2.DownloadPart.SerializeToString,
+            ),
+            'GetThumbnail': grpc.unary_unary_rpc_method_handler(
+                    servicer.GetThumbnail,
+                    request_deserializer=fvs_dot_v1_dot_images__pb2.GetThumbnailRequest.FromString,
+                    response_serializer=fvs_dot_v1_dot_images__pb2.Thumbnail.SerializeToString,
             ),
     }
     generic_handler = grpc.method_handlers_generic_handler(
@@ -579,6 +596,33 @@ class ImageService:
             '/fvs.v1.ImageService/DownloadImage',
             fvs_dot_v1_dot_images__pb2.DownloadImageRequest.SerializeToString,
             fvs_dot_v1_dot_downloads__pb2.DownloadPart.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def GetThumbnail(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.ImageService/GetThumbnail',
+            fvs_dot_v1_dot_images__pb2.GetThumbnailRequest.SerializeToString,
+            fvs_dot_v1_dot_images__pb2.Thumbnail.FromString,
             options,
             channel_credentials,
             insecure,

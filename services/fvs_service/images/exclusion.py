@@ -19,7 +19,7 @@ from fvs_service.jobs.service import Jobs
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.lease import Lease, require_lease
 from fvs_service.scenes.repository import scene_head_of, scene_of
-from fvs_service.storage.blob_keys import image_key, mask_key
+from fvs_service.storage.blob_keys import image_key, mask_key, thumbnail_key
 from fvs_service.storage.database import Database
 from fvs_service.storage.removals import remove_later
 
@@ -68,7 +68,8 @@ class Exclusions:
             for image in deleted:
                 if image.verdict is Verdict.VIDEO:
                     remove_bytes(session, image)
-                remove_later(session, scene_id, image_key(scene_id, image.sha256))
+                for key in (image_key(scene_id, image.sha256), thumbnail_key(scene_id, image.sha256)):
+                    remove_later(session, scene_id, key)
                 if image.mask is not None:
                     mask = image.mask.removeprefix("sha256:")
                     remove_later(session, scene_id, mask_key(scene_id, image.sha256, mask))

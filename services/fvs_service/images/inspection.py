@@ -22,7 +22,7 @@ from fvs_engine.images.limits import (
 )
 from fvs_engine.images.masks import mask_of
 from fvs_engine.images.metadata import PhotographPriors, read_priors
-from fvs_engine.images.pixels import decode
+from fvs_engine.images.pixels import decode, reduced_size
 from fvs_engine.images.sharpness import SHARP, measure_sharpness
 from fvs_schema.images import ImageWarning, Verdict
 from fvs_schema.quantities import MIN_SIDE_PX
@@ -30,6 +30,10 @@ from fvs_schema.service import Limits
 
 _BAND_ROWS = 256
 """Rows that are hashed at a time."""
+_THUMBNAIL_SIDE_PX = 320
+_THUMBNAIL_QUALITY = 80
+_REDUCING_GAP = 2.0
+"""Larger images are first reduced by an integer factor to at least this multiple: a seventh of the time."""
 
 
 def image_limits(limits: Limits) -> ImageLimits:
@@ -64,6 +68,8 @@ class Inspection:
     pixels_sha256: str | None = None
     sharpness: float | None = None
     priors: PhotographPriors = field(default_factory=PhotographPriors)
+    thumbnail: bytes | None = None
+    """A small JPEG of an accepted image, upright."""
 
     @property
     def captured_at(self) -> datetime | None:
@@ -98,6 +104,7 @@ def inspect(path: Path, limits: ImageLimits) -> Inspection:
             if applies
         ),
         priors=priors,
+        thumbnail=_thumbnail(image),
     )
 
 
@@ -151,6 +158,15 @@ def _hash_of_pixels(image: Image.Image) -> str:
     for top in range(0, image.height, _BAND_ROWS):
         digest.update(image.crop((0, top, image.width, min(top + _BAND_ROWS, image.height))).tobytes())
     return digest.hexdigest()
+
+
+def _thumbnail(image: Image.Image) -> bytes:
+    size = reduced_size(image.width, image.height, _THUMBNAIL_SIDE_PX)
+    small = image.resize(size, Image.Resampling.LANCZOS, reducing_gap=_REDUCING_GAP)
+    small.info.clear()  # which may have a comment of any length
+    out = io.BytesIO()
+    small.save(out, "JPEG", quality=_THUMBNAIL_QUALITY)
+    return out.getvalue()
 
 
 def _sentence(message: str) -> str:

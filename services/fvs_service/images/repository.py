@@ -19,8 +19,9 @@ _VARIABLES = 500
 """Databases limit the values in one query."""
 
 
-def add_image(session: Session, image: Image, pixels_sha256: str | None) -> None:
-    """Add an image."""
+def add_image(session: Session, image: Image, pixels_sha256: str | None, thumbnail_bytes: int) -> None:
+    """Add an image, whose thumbnail has so many bytes."""
+    document = image.model_dump(mode="json", exclude={"registration"})
     session.add(
         ImageRow(
             scene_id=image.scene_id,
@@ -30,7 +31,7 @@ def add_image(session: Session, image: Image, pixels_sha256: str | None) -> None
             verdict=image.verdict.value,
             registration=image.registration.value,
             pixels_sha256=pixels_sha256,
-            document=image.model_dump(mode="json", exclude={"registration"}),
+            document={**document, "thumbnail_bytes": thumbnail_bytes},
             received_at=image.received_at,
         )
     )

@@ -21,7 +21,7 @@ from fvs_service.errors import (
     UnsupportedMediaTypeError,
 )
 from fvs_service.gateway.rest.bodies import blocks, declared_bytes, json_body
-from fvs_service.gateway.rest.conditions import IfNoneMatch
+from fvs_service.gateway.rest.conditions import IfNoneMatch, has, not_modified, set_tag
 from fvs_service.gateway.rest.dependencies import (
     App,
     Caller,
@@ -58,6 +58,10 @@ _CONTENT: dict[int | str, dict[str, Any]] = {
     200: {"description": "The whole image.", **_BYTES},
     206: {"description": "The requested range.", **_BYTES},
     304: {"description": "The image is the one that `If-None-Match` names."},
+}
+_THUMBNAIL: dict[int | str, dict[str, Any]] = {
+    200: {"description": "The thumbnail.", "content": {"image/jpeg": _BINARY}},
+    304: {"description": "The thumbnail is the one that `If-None-Match` names."},
 }
 _KNOWN: dict[int | str, dict[str, Any]] = {
     200: {"model": Image, "description": "The scene had the image already."}
@@ -192,6 +196,19 @@ def download_image(
         if_none_match=if_none_match,
         headers={"Content-Disposition": _attachment(image.name)},
     )
+
+
+@router.get("/images/sha256:{hexadecimal:plain}/thumbnail", response_class=Response, responses=_THUMBNAIL)
+def get_thumbnail(
+    app: App, caller: Caller, scene_id: SceneId, hexadecimal: Hex, if_none_match: IfNoneMatch = None
+) -> Response:
+    """Return an accepted image as a JPEG with a long side of at most 320 px, upright."""
+    image = app.images.original(caller, scene_id, f"sha256:{hexadecimal}")
+    if has(image.sha256, if_none_match):
+        return not_modified(image.sha256)
+    response = Response(app.images.thumbnail(image), media_type="image/jpeg")
+    set_tag(response, image.sha256)
+    return response
 
 
 def _attachment(name: str) -> str:

@@ -88,6 +88,11 @@ class ImageServicer:
             file = receiver.finish()
             await to_its_end(run_sync(self._app.videos.set_subtitles, caller, request.scene_id, digest, file))
 
+    def get_thumbnail(self, caller: Principal, request: pb.GetThumbnailRequest) -> pb.Thumbnail:
+        """Return an accepted image as a small JPEG."""
+        image = self._app.images.original(caller, request.scene_id, digest_of(request))
+        return pb.Thumbnail(jpeg=self._app.images.thumbnail(image))
+
     async def download_image(
         self, _call: Call, caller: Principal, request: pb.DownloadImageRequest
     ) -> AsyncIterator[DownloadPart]:

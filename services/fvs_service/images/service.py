@@ -5,7 +5,7 @@ then inspects them and commits the image, the bytes before the row: a crash in b
 acknowledged, and an image that is sent again is stored once. Bytes whose row never came are removed later.
 """
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 
 from sqlalchemy.orm import Session
 
@@ -38,7 +38,7 @@ from fvs_service.images.videos import EVERY_S, require_kind
 from fvs_service.jobs.service import Jobs
 from fvs_service.principal import Principal, Scope
 from fvs_service.scenes.repository import scene_of, set_origin
-from fvs_service.storage.blob_keys import image_key, subtitles_key
+from fvs_service.storage.blob_keys import image_key, subtitles_key, thumbnail_key
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database
@@ -111,26 +111,32 @@ class Images:
         inspection = self._inspected(staged, metadata)
         kept = inspection.verdict in (Verdict.ACCEPTED, Verdict.VIDEO)
         key = blob_key(scene_id, staged.digest, inspection.verdict)
+        thumbnail, keys = inspection.thumbnail, [key]
+        if thumbnail is not None:
+            keys.append(thumbnail_key(scene_id, staged.digest.removeprefix("sha256:")))
         if kept and not self._has_twin(scene_id, inspection):
             with self._database.writing(scene_id, durable=False) as session:
                 scene_of(session, principal, scene_id)  # the inspection may have outlasted it
-                remove_later(session, scene_id, key, after=ABANDONED_AFTER)
+                for each in keys:
+                    remove_later(session, scene_id, each, after=ABANDONED_AFTER)
             self._blobs.adopt(staged.path, key)
+            if thumbnail is not None:
+                self._blobs.put(thumbnail, keys[-1])
         with self._database.writing(scene_id) as session:
             scene = scene_of(session, principal, scene_id)
             found = repository.find_image(session, scene_id, staged.digest)
             if found is not None:  # the same bytes, sent twice at once
                 if has_row(session, key):
-                    keep(session, [key])
+                    keep(session, keys)
                 return found, False
             _require_frame(scene, metadata)
             twin = repository.same_pixels(session, scene_id, inspection.pixels_sha256)
             if twin is None and kept:
-                self._require_stored(session, key)
+                self._require_stored(session, keys)
             number = repository.next_number(session, scene_id)
             image = _image(scene, staged, metadata, inspection, twin, number)
             image = image.model_copy(update={"video": video})
-            repository.add_image(session, image, inspection.pixels_sha256)
+            repository.add_image(session, image, inspection.pixels_sha256, len(thumbnail or b""))
             self._set_origin(session, scene, image)
             data = image.model_dump(mode="json", include={"digest", "name", "verdict", "reason", "warnings"})
             publish(session, scene_id, EventKind.IMAGE_RECEIVED, data, subject=image.digest)
@@ -157,6 +163,10 @@ class Images:
     def content(self, image: Image, start: int, stop: int) -> Iterator[bytes]:
         """The bytes of an accepted image, as they were sent."""
         return self._blobs.chunks(image_key(image.scene_id, image.sha256), start, stop)
+
+    def thumbnail(self, image: Image) -> bytes:
+        """A small JPEG of an accepted image, upright."""
+        return self._blobs.read(thumbnail_key(image.scene_id, image.sha256))
 
     def get(self, principal: Principal, scene_id: str, digest: str) -> Image:
         """One image; raises ``NotFoundError``."""
@@ -195,13 +205,13 @@ class Images:
         with self._database.reading() as session:
             return repository.same_pixels(session, scene_id, inspection.pixels_sha256) is not None
 
-    def _require_stored(self, session: Session, key: str) -> None:
+    def _require_stored(self, session: Session, keys: Sequence[str]) -> None:
         """Raise when a deletion of the image has just removed the bytes that were stored for its row."""
-        if not self._blobs.exists(key):
+        if not all(map(self._blobs.exists, keys)):
             raise UnavailableError(
                 "The image was deleted while it was sent.", hint="Send it again.", retry_after_s=1
             )
-        keep(session, [key])
+        keep(session, keys)
 
     def _set_origin(self, session: Session, scene: Scene, image: Image) -> None:
         prior = image.prior

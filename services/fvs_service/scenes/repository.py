@@ -128,9 +128,9 @@ def change_scene(session: Session, principal: Principal, scene_id: str, change: 
 
 def size_of(session: Session, scene_id: str) -> SceneSize:
     """The disk space of a scene."""
-    stored = ImageRow.document["size_bytes"].as_integer()
+    original, thumbnail = (ImageRow.document[name].as_integer() for name in ("size_bytes", "thumbnail_bytes"))
     images = session.scalar(
-        select(func.sum(stored)).where(
+        select(func.sum(original + thumbnail)).where(
             ImageRow.scene_id == scene_id, or_(ImageRow.verdict == "accepted", frames_not_taken())
         )
     )

@@ -11,6 +11,11 @@ def image_key(scene_id: str, sha256: str) -> str:
     return f"{scene_prefix(scene_id)}images/{sha256}"
 
 
+def thumbnail_key(scene_id: str, image_sha256: str) -> str:
+    """The key of an image's thumbnail, by the digest of the image."""
+    return f"{scene_prefix(scene_id)}thumbnails/{image_sha256}"
+
+
 def mask_key(scene_id: str, image_sha256: str, sha256: str) -> str:
     """The key of an image's mask, by the digests of the bytes of both."""
     return f"{scene_prefix(scene_id)}masks/{image_sha256}-{sha256}"

@@ -206,7 +206,7 @@ def lock_scene(session: Session, scene_id: str) -> None:
 def has_row(session: Session, key: str) -> bool:
     """Whether a row refers to the blob ``key``."""
     match key.split("/"):
-        case ["scenes", scene_id, "images", sha256]:
+        case ["scenes", scene_id, "images" | "thumbnails", sha256]:
             found = exists().where(
                 ImageRow.scene_id == scene_id, ImageRow.sha256 == sha256, ImageRow.verdict == "accepted"
             )

@@ -85,6 +85,10 @@ def _render(app: Application, caller: Principal, call: Call) -> Any:
     return app.renders.of_candidate(caller, call.ranking_id, call.candidate_id, ViewImage.RENDER, 60.0)
 
 
+def _thumbnail(app: Application, caller: Principal, call: Call) -> Any:
+    return app.images.thumbnail(app.images.original(caller, call.scene_id, call.digest))
+
+
 async def _render_view(app: Application, caller: Principal, call: Call) -> Any:
     content, _ = await app.renders.at_pose(caller, call.snapshot_id, lambda: call.body, 60.0)
     return content
@@ -309,6 +313,7 @@ OPERATIONS: dict[str, Operation] = {
     "RenderView": Operation(
         "POST", "/v1/snapshots/{snapshot_id}/renders", _render_view, ("render", RenderRequest)
     ),
+    "GetThumbnail": Operation("GET", "/v1/scenes/{scene_id}/images/{digest}/thumbnail", _thumbnail),
     "GetRankingMission": Operation("GET", "/v1/rankings/{ranking_id}/mission", _ranking_mission),
     "CreateMission": Operation(
         "POST", "/v1/scenes/{scene_id}/missions", _mission, ("mission", MissionRequest)

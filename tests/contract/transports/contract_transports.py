@@ -214,6 +214,8 @@ class Rpc:
             return Outcome(result=[document_of(part) for part in result])
         if result.DESCRIPTOR.name == "CandidateRender":
             return Outcome(result=result.png)
+        if result.DESCRIPTOR.name == "Thumbnail":
+            return Outcome(result=result.jpeg)
         if result.DESCRIPTOR.name in ("MissionFile", "ViewRender"):
             return Outcome(result=result.content)
         return Outcome(result=document_of(result) or None)

@@ -263,10 +263,11 @@ def test_scenes_of_one_name_are_renamed_and_deleted_one_by_one(gateway: Any) -> 
 def test_the_size_of_a_scene_is_told(gateway: Any, photograph: Any) -> None:
     scene = gateway.scene()
     contents = [photograph(seed) for seed in (1, 2)]
-    for content in (*contents, contents[0]):
-        gateway.put(scene, content)
+    images = [gateway.put(scene, content).json()["digest"] for content in (*contents, contents[0])]
+    kept = [f"/v1/scenes/{scene}/images/{image}/thumbnail" for image in {*images}]
+    thumbnails = [gateway.client.get(path).content for path in kept]
     size = gateway.client.get(f"/v1/scenes/{scene}/size").json()
-    assert size["images_bytes"] == sum(map(len, contents))
+    assert size["images_bytes"] == sum(map(len, (*contents, *thumbnails)))
     assert (size["artifacts_bytes"], size["working_bytes"]) == (0, 0)
     assert size["total_bytes"] == size["images_bytes"]
 

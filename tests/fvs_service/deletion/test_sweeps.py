@@ -57,7 +57,11 @@ def _delete_images(gateway: Any, scene: str, contents: list[bytes]) -> list[str]
     digests = [gateway.put(scene, content).json()["digest"] for content in contents]
     for digest in digests:
         assert gateway.client.delete(f"/v1/scenes/{scene}/images/{digest}").status_code == 204
-    return [f"scenes/{scene}/images/{digest.removeprefix('sha256:')}" for digest in digests]
+    return [
+        f"scenes/{scene}/{kind}/{digest.removeprefix('sha256:')}"
+        for digest in digests
+        for kind in ("images", "thumbnails")
+    ]
 
 
 @pytest.mark.parametrize("error", [StorageRefusedError("No."), PermissionError("No.")])
@@ -118,7 +122,7 @@ def test_other_writers_of_a_scene_wait_for_the_removal_of_one_blob_at_most(
 
     monkeypatch.setattr(storage.database, "writing", watched)
     monkeypatch.setattr(storage.blobs, "remove", lambda key: (in_transaction.append(key), remove(key)))
-    assert storage.removals.run() == 3
+    assert storage.removals.run() == 6
     assert most == [1]
 
 

@@ -111,7 +111,7 @@ def test_frames_become_images_with_time_and_position(gateway: Any, clip: bytes) 
     record = gateway.client.get(video).json()
     assert (record["verdict"], record["frames"]) == ("video", 3)
     assert {image["video"] for image in images} == {record["digest"]}
-    assert kept(gateway, scene) == {"images"}
+    assert kept(gateway, scene) == {"images", "thumbnails"}
     kinds = [job["kind"] for job in gateway.client.get(f"/v1/scenes/{scene}/jobs").json()["items"]]
     assert sorted(kinds) == ["frames", "update"]  # the one of the policy
     assert all(earlier.done <= later.done for earlier, later in itertools.pairwise(told))
@@ -126,7 +126,10 @@ def test_a_worker_that_dies_loses_no_frame_and_none_is_stored_twice(gateway: Any
     with pytest.raises(ConnectionError):
         take(gateway, scene, dies_after=2)
     assert len(frames(gateway, scene)) == 2
-    assert (gateway.client.get(video).json()["frames"], kept(gateway, scene)) == (None, {"images", "videos"})
+    assert (gateway.client.get(video).json()["frames"], kept(gateway, scene)) == (
+        None,
+        {"images", "thumbnails", "videos"},
+    )
     warnings = take(gateway, scene)
     assert [warning["code"] for warning in warnings] == ["frames-without-position"]
     images = frames(gateway, scene)
@@ -212,7 +215,7 @@ def test_what_can_be_read_of_a_damaged_video_is_used(gateway: Any, tmp_path: Pat
         take(gateway, scene)
     record = gateway.client.get(video).json()
     assert (record["verdict"], record["reason"]) == ("unreadable", "No frame of it can be decoded.")
-    assert kept(gateway, scene) == {"images"}
+    assert kept(gateway, scene) == {"images", "thumbnails"}
 
 
 @pytest.mark.system

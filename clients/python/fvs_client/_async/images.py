@@ -10,6 +10,7 @@ from fvs_client._async import downloading, uploading
 from fvs_client._async.session import AsyncSession
 from fvs_client.downloads import DownloadProgress, target_path
 from fvs_client.image_files import Paths
+from fvs_client.models.display import Jpeg
 from fvs_client.uploads import Describe, UploadProgress, UploadReport
 from fvs_schema.images import DigestAnswer, Image, ImageMetadata
 from fvs_schema.snapshots import Artifact
@@ -106,6 +107,13 @@ class AsyncSceneImages:
         source = requests.original_of(self._scene_id, image.digest)
         target = target_path(path, image.name)
         return await downloading.download(self._session, source, artifact, target, on_progress)
+
+    async def thumbnail(self, digest: str) -> Jpeg:
+        """Get an accepted image with a long side of at most 320 px, upright; a notebook shows it.
+
+        Raises ``NotFoundError`` for an image that was not accepted.
+        """
+        return Jpeg(await self._session.content(requests.get_thumbnail(self._scene_id, digest)))
 
     def list(self) -> AsyncIterator[Image]:
         """All images in order of arrival."""

@@ -293,6 +293,26 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/scenes/{scene_id}/images/sha256:{hexadecimal}/thumbnail": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        /**
+         * Get Thumbnail
+         * @description Return an accepted image as a JPEG with a long side of at most 320 px, upright.
+         */
+        get: operations["get_thumbnail"];
+        put?: never;
+        post?: never;
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/uploads": {
         parameters: {
             query?: never;
@@ -3232,7 +3252,7 @@ export interface components {
         SceneSize: {
             /** @description The scene. */
             scene_id: string;
-            /** @description The original images. */
+            /** @description The original images and their thumbnails. */
             images_bytes: number;
             /** @description The artifacts of its snapshots; equal ones count once. */
             artifacts_bytes: number;
@@ -4768,6 +4788,59 @@ export interface operations {
                 };
             };
             /** @description The image is the one that `If-None-Match` names. */
+            304: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content?: never;
+            };
+            /** @description A problem document. */
+            "4XX": {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A problem document. */
+            "5XX": {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    get_thumbnail: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description Send nothing if one of these is the ETag. */
+                "If-None-Match"?: string;
+            };
+            path: {
+                /** @description The scene's id. */
+                scene_id: string;
+                /** @description The SHA-256 of the image's bytes. */
+                hexadecimal: string;
+            };
+            cookie?: never;
+        };
+        requestBody?: never;
+        responses: {
+            /** @description The thumbnail. */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "image/jpeg": string;
+                };
+            };
+            /** @description The thumbnail is the one that `If-None-Match` names. */
             304: {
                 headers: {
                     [name: string]: unknown;
