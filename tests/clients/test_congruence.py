@@ -192,6 +192,7 @@ def deletions(surface: Surface) -> Iterator[Any]:
     client, do = surface.client, surface.do
     scene = do(client.scenes.create, "quarry", retention=Retention(snapshots=3))
     yield scene
+    yield [one.name for one in surface.items(client.scenes.list(search="QUARR"), None)]
     yield do(scene.change, name="pit", retention=Retention(snapshot_days=2.5))
     yield surface.attempt(scene.change)
     yield surface.attempt(scene.change, name="shaft", if_unchanged=True)

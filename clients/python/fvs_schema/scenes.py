@@ -6,6 +6,7 @@ from pydantic import ConfigDict, Field, ValidationInfo, field_validator, model_v
 
 from fvs_schema.base import Input, Listing, Output, Page, Timestamp
 from fvs_schema.checks import of_fields
+from fvs_schema.jobs import JobKind, JobState
 from fvs_schema.names import SceneName
 from fvs_schema.quantities import (
     PLAUSIBLE_SHARE,
@@ -269,8 +270,19 @@ class ImageCounts(Output):
         return self.accepted - self.excluded - self.quarantined
 
 
+class SceneJob(Output):
+    """The job of a scene that runs, or else the one that has waited longest."""
+
+    id: str
+    """The id, `job_…`."""
+    kind: JobKind
+    """What it does."""
+    state: JobState
+    """Whether it is queued or runs."""
+
+
 class Scene(Output):
-    """A scene: its settings, its numbers of images, and its latest snapshot."""
+    """A scene: its settings, its numbers of images, its latest snapshot, and what is done with it."""
 
     id: str
     """The id, `scn_…`."""
@@ -290,8 +302,12 @@ class Scene(Output):
     """Numbers of images."""
     snapshot_id: str | None
     """The latest snapshot; null before the first update."""
+    snapshot_created_at: Timestamp | None = None
+    """When the latest snapshot was made; null before the first update."""
     alignment: Alignment | None
     """The alignment of the latest snapshot."""
+    job: SceneJob | None = None
+    """The job that runs, or else the one that has waited longest; null when there is nothing to do."""
     created_at: Timestamp
     """When it was created."""
 
@@ -303,6 +319,9 @@ class ScenePage(Page):
     """A page of the list of scenes."""
 
     name: SceneName | None = Field(default=None, description="Only scenes with this name.")
+    search: SceneName | None = Field(
+        default=None, description="Only scenes whose name contains this, in upper or lower case."
+    )
 
 
 class SceneList(Listing[Scene]):

@@ -24,66 +24,69 @@ _sym_db = _symbol_database.Default()
 
 from fvs.v1 import control_points_pb2 as fvs_dot_v1_dot_control__points__pb2
 from fvs.v1 import events_pb2 as fvs_dot_v1_dot_events__pb2
+from fvs.v1 import jobs_pb2 as fvs_dot_v1_dot_jobs__pb2
 from fvs.v1 import poses_pb2 as fvs_dot_v1_dot_poses__pb2
 from google.protobuf import empty_pb2 as google_dot_protobuf_dot_empty__pb2
 from google.protobuf import timestamp_pb2 as google_dot_protobuf_dot_timestamp__pb2
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x13\x66vs/v1/scenes.proto\x12\x06\x66vs.v1\x1a\x1b\x66vs/v1/control_points.proto\x1a\x13\x66vs/v1/events.proto\x1a\x12\x66vs/v1/poses.proto\x1a\x1bgoogle/protobuf/empty.proto\x1a\x1fgoogle/protobuf/timestamp.proto\"k\n\x12\x43reateSceneRequest\x12#\n\x05scene\x18\x01 \x01(\x0b\x32\x14.fvs.v1.SceneRequest\x12\x1c\n\x0fidempotency_key\x18\x02 \x01(\tH\x00\x88\x01\x01\x42\x12\n\x10_idempotency_key\"k\n\x11ListScenesRequest\x12\x12\n\x05\x61\x66ter\x18\x01 \x01(\tH\x00\x88\x01\x01\x12\x12\n\x05limit\x18\x02 \x01(\x05H\x01\x88\x01\x01\x12\x11\n\x04name\x18\x03 \x01(\tH\x02\x88\x01\x01\x42\x08\n\x06_afterB\x08\n\x06_limitB\x07\n\x05_name\"#\n\x0fGetSceneRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\"g\n\x12\x43hangeSceneRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12#\n\x06\x63hange\x18\x02 \x01(\x0b\x32\x13.fvs.v1.SceneChange\x12\x11\n\x04\x65tag\x18\x03 \x01(\tH\x00\x88\x01\x01\x42\x07\n\x05_etag\"B\n\x12\x44\x65leteSceneRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x11\n\x04\x65tag\x18\x02 \x01(\tH\x00\x88\x01\x01\x42\x07\n\x05_etag\"R\n\x17SetControlPointsRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12%\n\x06points\x18\x02 \x01(\x0b\x32\x15.fvs.v1.ControlPoints\"+\n\x17GetControlPointsRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\".\n\x1a\x44\x65leteControlPointsRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\"\'\n\x13GetSceneSizeRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\"`\n\x12WatchEventsRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x12\n\x05\x61\x66ter\x18\x02 \x01(\x03H\x00\x88\x01\x01\x12\x11\n\x04tail\x18\x03 \x01(\x08H\x01\x88\x01\x01\x42\x08\n\x06_afterB\x07\n\x05_tail\"\x10\n\x0e\x41utomaticWorld\"\x0c\n\nLocalWorld\"*\n\x08\x45nuWorld\x12\x1e\n\x06origin\x18\x01 \x01(\x0b\x32\x0e.fvs.v1.Origin\"\x82\x01\n\x05World\x12+\n\tautomatic\x18\x01 \x01(\x0b\x32\x16.fvs.v1.AutomaticWorldH\x00\x12#\n\x05local\x18\x02 \x01(\x0b\x32\x12.fvs.v1.LocalWorldH\x00\x12\x1f\n\x03\x65nu\x18\x03 \x01(\x0b\x32\x10.fvs.v1.EnuWorldH\x00\x42\x06\n\x04kind\"c\n\x0b\x43\x61meraPrior\x12\x15\n\x08width_px\x18\x01 \x01(\x05H\x00\x88\x01\x01\x12\x1c\n\x0f\x66ocal_length_px\x18\x02 \x01(\x01H\x01\x88\x01\x01\x42\x0b\n\t_width_pxB\x12\n\x10_focal_length_px\"^\n\x06Policy\x12 \n\x07trigger\x18\x01 \x01(\x0e\x32\x0f.fvs.v1.Trigger\x12\x0e\n\x01k\x18\x02 \x01(\x05H\x00\x88\x01\x01\x12\x12\n\x05\x66irst\x18\x03 \x01(\x05H\x01\x88\x01\x01\x42\x04\n\x02_kB\x08\n\x06_first\"\xf3\x01\n\tRetention\x12\x16\n\tsnapshots\x18\x01 \x01(\x05H\x00\x88\x01\x01\x12\x1a\n\rsnapshot_days\x18\x02 \x01(\x01H\x01\x88\x01\x01\x12\x15\n\x08rankings\x18\x03 \x01(\x05H\x02\x88\x01\x01\x12\x19\n\x0cranking_days\x18\x04 \x01(\x01H\x03\x88\x01\x01\x12\x12\n\x05plans\x18\x05 \x01(\x05H\x04\x88\x01\x01\x12\x16\n\tplan_days\x18\x06 \x01(\x01H\x05\x88\x01\x01\x42\x0c\n\n_snapshotsB\x10\n\x0e_snapshot_daysB\x0b\n\t_rankingsB\x0f\n\r_ranking_daysB\x08\n\x06_plansB\x0c\n\n_plan_days\"\xb3\x01\n\x0cSceneRequest\x12\x11\n\x04name\x18\x01 \x01(\tH\x00\x88\x01\x01\x12\x1c\n\x05world\x18\x02 \x01(\x0b\x32\r.fvs.v1.World\x12#\n\x06\x63\x61mera\x18\x03 \x01(\x0b\x32\x13.fvs.v1.CameraPrior\x12\x1e\n\x06policy\x18\x04 \x01(\x0b\x32\x0e.fvs.v1.Policy\x12$\n\tretention\x18\x05 \x01(\x0b\x32\x11.fvs.v1.RetentionB\x07\n\x05_name\"o\n\x0bSceneChange\x12\x11\n\x04name\x18\x01 \x01(\tH\x00\x88\x01\x01\x12\x1e\n\x06policy\x18\x02 \x01(\x0b\x32\x0e.fvs.v1.Policy\x12$\n\tretention\x18\x03 \x01(\x0b\x32\x11.fvs.v1.RetentionB\x07\n\x05_name\"x\n\tSceneSize\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x14\n\x0cimages_bytes\x18\x02 \x01(\x03\x12\x17\n\x0f\x61rtifacts_bytes\x18\x03 \x01(\x03\x12\x15\n\rworking_bytes\x18\x04 \x01(\x03\x12\x13\n\x0btotal_bytes\x18\x05 \x01(\x03\"{\n\x0bImageCounts\x12\x10\n\x08received\x18\x01 \x01(\x05\x12\x10\n\x08\x61\x63\x63\x65pted\x18\x02 \x01(\x05\x12\x10\n\x08rejected\x18\x03 \x01(\x05\x12\x0f\n\x07pending\x18\x04 \x01(\x05\x12\x10\n\x08\x65xcluded\x18\x05 \x01(\x05\x12\x13\n\x0bquarantined\x18\x06 \x01(\x05\"\x83\x03\n\x05Scene\x12\n\n\x02id\x18\x01 \x01(\t\x12\x0c\n\x04name\x18\x02 \x01(\t\x12\x1c\n\x05world\x18\x03 \x01(\x0b\x32\r.fvs.v1.World\x12\x1e\n\x06origin\x18\x04 \x01(\x0b\x32\x0e.fvs.v1.Origin\x12#\n\x06\x63\x61mera\x18\x05 \x01(\x0b\x32\x13.fvs.v1.CameraPrior\x12\x1e\n\x06policy\x18\x06 \x01(\x0b\x32\x0e.fvs.v1.Policy\x12$\n\tretention\x18\x07 \x01(\x0b\x32\x11.fvs.v1.Retention\x12)\n\x0cimage_counts\x18\x08 \x01(\x0b\x32\x13.fvs.v1.ImageCounts\x12\x18\n\x0bsnapshot_id\x18\t \x01(\tH\x00\x88\x01\x01\x12$\n\talignment\x18\n \x01(\x0b\x32\x11.fvs.v1.Alignment\x12.\n\ncreated_at\x18\x0b \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\x0c\n\x04\x65tag\x18\x0c \x01(\tB\x0e\n\x0c_snapshot_id\"E\n\tSceneList\x12\x1c\n\x05items\x18\x01 \x03(\x0b\x32\r.fvs.v1.Scene\x12\x11\n\x04next\x18\x02 \x01(\tH\x00\x88\x01\x01\x42\x07\n\x05_next*n\n\x07Trigger\x12\x17\n\x13TRIGGER_UNSPECIFIED\x10\x00\x12\x16\n\x12TRIGGER_ON_REQUEST\x10\x01\x12\x16\n\x12TRIGGER_EACH_IMAGE\x10\x02\x12\x1a\n\x16TRIGGER_EVERY_K_IMAGES\x10\x03\x32\x9c\x05\n\x0cSceneService\x12\x38\n\x0b\x43reateScene\x12\x1a.fvs.v1.CreateSceneRequest\x1a\r.fvs.v1.Scene\x12:\n\nListScenes\x12\x19.fvs.v1.ListScenesRequest\x1a\x11.fvs.v1.SceneList\x12\x32\n\x08GetScene\x12\x17.fvs.v1.GetSceneRequest\x1a\r.fvs.v1.Scene\x12\x38\n\x0b\x43hangeScene\x12\x1a.fvs.v1.ChangeSceneRequest\x1a\r.fvs.v1.Scene\x12\x41\n\x0b\x44\x65leteScene\x12\x1a.fvs.v1.DeleteSceneRequest\x1a\x16.google.protobuf.Empty\x12J\n\x10SetControlPoints\x12\x1f.fvs.v1.SetControlPointsRequest\x1a\x15.fvs.v1.ControlPoints\x12J\n\x10GetControlPoints\x12\x1f.fvs.v1.GetControlPointsRequest\x1a\x15.fvs.v1.ControlPoints\x12Q\n\x13\x44\x65leteControlPoints\x12\".fvs.v1.DeleteControlPointsRequest\x1a\x16.google.protobuf.Empty\x12>\n\x0cGetSceneSize\x12\x1b.fvs.v1.GetSceneSizeRequest\x1a\x11.fvs.v1.SceneSize\x12:\n\x0bWatchEvents\x12\x1a.fvs.v1.WatchEventsRequest\x1a\r.fvs.v1.Event0\x01\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x13\x66vs/v1/scenes.proto\x12\x06\x66vs.v1\x1a\x1b\x66vs/v1/control_points.proto\x1a\x13\x66vs/v1/events.proto\x1a\x11\x66vs/v1/jobs.proto\x1a\x12\x66vs/v1/poses.proto\x1a\x1bgoogle/protobuf/empty.proto\x1a\x1fgoogle/protobuf/timestamp.proto\"k\n\x12\x43reateSceneRequest\x12#\n\x05scene\x18\x01 \x01(\x0b\x32\x14.fvs.v1.SceneRequest\x12\x1c\n\x0fidempotency_key\x18\x02 \x01(\tH\x00\x88\x01\x01\x42\x12\n\x10_idempotency_key\"\x8b\x01\n\x11ListScenesRequest\x12\x12\n\x05\x61\x66ter\x18\x01 \x01(\tH\x00\x88\x01\x01\x12\x12\n\x05limit\x18\x02 \x01(\x05H\x01\x88\x01\x01\x12\x11\n\x04name\x18\x03 \x01(\tH\x02\x88\x01\x01\x12\x13\n\x06search\x18\x04 \x01(\tH\x03\x88\x01\x01\x42\x08\n\x06_afterB\x08\n\x06_limitB\x07\n\x05_nameB\t\n\x07_search\"#\n\x0fGetSceneRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\"g\n\x12\x43hangeSceneRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12#\n\x06\x63hange\x18\x02 \x01(\x0b\x32\x13.fvs.v1.SceneChange\x12\x11\n\x04\x65tag\x18\x03 \x01(\tH\x00\x88\x01\x01\x42\x07\n\x05_etag\"B\n\x12\x44\x65leteSceneRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x11\n\x04\x65tag\x18\x02 \x01(\tH\x00\x88\x01\x01\x42\x07\n\x05_etag\"R\n\x17SetControlPointsRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12%\n\x06points\x18\x02 \x01(\x0b\x32\x15.fvs.v1.ControlPoints\"+\n\x17GetControlPointsRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\".\n\x1a\x44\x65leteControlPointsRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\"\'\n\x13GetSceneSizeRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\"`\n\x12WatchEventsRequest\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x12\n\x05\x61\x66ter\x18\x02 \x01(\x03H\x00\x88\x01\x01\x12\x11\n\x04tail\x18\x03 \x01(\x08H\x01\x88\x01\x01\x42\x08\n\x06_afterB\x07\n\x05_tail\"\x10\n\x0e\x41utomaticWorld\"\x0c\n\nLocalWorld\"*\n\x08\x45nuWorld\x12\x1e\n\x06origin\x18\x01 \x01(\x0b\x32\x0e.fvs.v1.Origin\"\x82\x01\n\x05World\x12+\n\tautomatic\x18\x01 \x01(\x0b\x32\x16.fvs.v1.AutomaticWorldH\x00\x12#\n\x05local\x18\x02 \x01(\x0b\x32\x12.fvs.v1.LocalWorldH\x00\x12\x1f\n\x03\x65nu\x18\x03 \x01(\x0b\x32\x10.fvs.v1.EnuWorldH\x00\x42\x06\n\x04kind\"c\n\x0b\x43\x61meraPrior\x12\x15\n\x08width_px\x18\x01 \x01(\x05H\x00\x88\x01\x01\x12\x1c\n\x0f\x66ocal_length_px\x18\x02 \x01(\x01H\x01\x88\x01\x01\x42\x0b\n\t_width_pxB\x12\n\x10_focal_length_px\"^\n\x06Policy\x12 \n\x07trigger\x18\x01 \x01(\x0e\x32\x0f.fvs.v1.Trigger\x12\x0e\n\x01k\x18\x02 \x01(\x05H\x00\x88\x01\x01\x12\x12\n\x05\x66irst\x18\x03 \x01(\x05H\x01\x88\x01\x01\x42\x04\n\x02_kB\x08\n\x06_first\"\xf3\x01\n\tRetention\x12\x16\n\tsnapshots\x18\x01 \x01(\x05H\x00\x88\x01\x01\x12\x1a\n\rsnapshot_days\x18\x02 \x01(\x01H\x01\x88\x01\x01\x12\x15\n\x08rankings\x18\x03 \x01(\x05H\x02\x88\x01\x01\x12\x19\n\x0cranking_days\x18\x04 \x01(\x01H\x03\x88\x01\x01\x12\x12\n\x05plans\x18\x05 \x01(\x05H\x04\x88\x01\x01\x12\x16\n\tplan_days\x18\x06 \x01(\x01H\x05\x88\x01\x01\x42\x0c\n\n_snapshotsB\x10\n\x0e_snapshot_daysB\x0b\n\t_rankingsB\x0f\n\r_ranking_daysB\x08\n\x06_plansB\x0c\n\n_plan_days\"\xb3\x01\n\x0cSceneRequest\x12\x11\n\x04name\x18\x01 \x01(\tH\x00\x88\x01\x01\x12\x1c\n\x05world\x18\x02 \x01(\x0b\x32\r.fvs.v1.World\x12#\n\x06\x63\x61mera\x18\x03 \x01(\x0b\x32\x13.fvs.v1.CameraPrior\x12\x1e\n\x06policy\x18\x04 \x01(\x0b\x32\x0e.fvs.v1.Policy\x12$\n\tretention\x18\x05 \x01(\x0b\x32\x11.fvs.v1.RetentionB\x07\n\x05_name\"o\n\x0bSceneChange\x12\x11\n\x04name\x18\x01 \x01(\tH\x00\x88\x01\x01\x12\x1e\n\x06policy\x18\x02 \x01(\x0b\x32\x0e.fvs.v1.Policy\x12$\n\tretention\x18\x03 \x01(\x0b\x32\x11.fvs.v1.RetentionB\x07\n\x05_name\"x\n\tSceneSize\x12\x10\n\x08scene_id\x18\x01 \x01(\t\x12\x14\n\x0cimages_bytes\x18\x02 \x01(\x03\x12\x17\n\x0f\x61rtifacts_bytes\x18\x03 \x01(\x03\x12\x15\n\rworking_bytes\x18\x04 \x01(\x03\x12\x13\n\x0btotal_bytes\x18\x05 \x01(\x03\"{\n\x0bImageCounts\x12\x10\n\x08received\x18\x01 \x01(\x05\x12\x10\n\x08\x61\x63\x63\x65pted\x18\x02 \x01(\x05\x12\x10\n\x08rejected\x18\x03 \x01(\x05\x12\x0f\n\x07pending\x18\x04 \x01(\x05\x12\x10\n\x08\x65xcluded\x18\x05 \x01(\x05\x12\x13\n\x0bquarantined\x18\x06 \x01(\x05\"\xdb\x03\n\x05Scene\x12\n\n\x02id\x18\x01 \x01(\t\x12\x0c\n\x04name\x18\x02 \x01(\t\x12\x1c\n\x05world\x18\x03 \x01(\x0b\x32\r.fvs.v1.World\x12\x1e\n\x06origin\x18\x04 \x01(\x0b\x32\x0e.fvs.v1.Origin\x12#\n\x06\x63\x61mera\x18\x05 \x01(\x0b\x32\x13.fvs.v1.CameraPrior\x12\x1e\n\x06policy\x18\x06 \x01(\x0b\x32\x0e.fvs.v1.Policy\x12$\n\tretention\x18\x07 \x01(\x0b\x32\x11.fvs.v1.Retention\x12)\n\x0cimage_counts\x18\x08 \x01(\x0b\x32\x13.fvs.v1.ImageCounts\x12\x18\n\x0bsnapshot_id\x18\t \x01(\tH\x00\x88\x01\x01\x12$\n\talignment\x18\n \x01(\x0b\x32\x11.fvs.v1.Alignment\x12.\n\ncreated_at\x18\x0b \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\x0c\n\x04\x65tag\x18\x0c \x01(\t\x12\x37\n\x13snapshot_created_at\x18\r \x01(\x0b\x32\x1a.google.protobuf.Timestamp\x12\x1d\n\x03job\x18\x0e \x01(\x0b\x32\x10.fvs.v1.SceneJobB\x0e\n\x0c_snapshot_id\"V\n\x08SceneJob\x12\n\n\x02id\x18\x01 \x01(\t\x12\x1d\n\x04kind\x18\x02 \x01(\x0e\x32\x0f.fvs.v1.JobKind\x12\x1f\n\x05state\x18\x03 \x01(\x0e\x32\x10.fvs.v1.JobState\"E\n\tSceneList\x12\x1c\n\x05items\x18\x01 \x03(\x0b\x32\r.fvs.v1.Scene\x12\x11\n\x04next\x18\x02 \x01(\tH\x00\x88\x01\x01\x42\x07\n\x05_next*n\n\x07Trigger\x12\x17\n\x13TRIGGER_UNSPECIFIED\x10\x00\x12\x16\n\x12TRIGGER_ON_REQUEST\x10\x01\x12\x16\n\x12TRIGGER_EACH_IMAGE\x10\x02\x12\x1a\n\x16TRIGGER_EVERY_K_IMAGES\x10\x03\x32\x9c\x05\n\x0cSceneService\x12\x38\n\x0b\x43reateScene\x12\x1a.fvs.v1.CreateSceneRequest\x1a\r.fvs.v1.Scene\x12:\n\nListScenes\x12\x19.fvs.v1.ListScenesRequest\x1a\x11.fvs.v1.SceneList\x12\x32\n\x08GetScene\x12\x17.fvs.v1.GetSceneRequest\x1a\r.fvs.v1.Scene\x12\x38\n\x0b\x43hangeScene\x12\x1a.fvs.v1.ChangeSceneRequest\x1a\r.fvs.v1.Scene\x12\x41\n\x0b\x44\x65leteScene\x12\x1a.fvs.v1.DeleteSceneRequest\x1a\x16.google.protobuf.Empty\x12J\n\x10SetControlPoints\x12\x1f.fvs.v1.SetControlPointsRequest\x1a\x15.fvs.v1.ControlPoints\x12J\n\x10GetControlPoints\x12\x1f.fvs.v1.GetControlPointsRequest\x1a\x15.fvs.v1.ControlPoints\x12Q\n\x13\x44\x65leteControlPoints\x12\".fvs.v1.DeleteControlPointsRequest\x1a\x16.google.protobuf.Empty\x12>\n\x0cGetSceneSize\x12\x1b.fvs.v1.GetSceneSizeRequest\x1a\x11.fvs.v1.SceneSize\x12:\n\x0bWatchEvents\x12\x1a.fvs.v1.WatchEventsRequest\x1a\r.fvs.v1.Event0\x01\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'fvs.v1.scenes_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
-  _globals['_TRIGGER']._serialized_start=2562
-  _globals['_TRIGGER']._serialized_end=2672
-  _globals['_CREATESCENEREQUEST']._serialized_start=163
-  _globals['_CREATESCENEREQUEST']._serialized_end=270
-  _globals['_LISTSCENESREQUEST']._serialized_start=272
-  _globals['_LISTSCENESREQUEST']._serialized_end=379
-  _globals['_GETSCENEREQUEST']._serialized_start=381
-  _globals['_GETSCENEREQUEST']._serialized_end=416
-  _globals['_CHANGESCENEREQUEST']._serialized_start=418
-  _globals['_CHANGESCENEREQUEST']._serialized_end=521
-  _globals['_DELETESCENEREQUEST']._serialized_start=523
-  _globals['_DELETESCENEREQUEST']._serialized_end=589
-  _globals['_SETCONTROLPOINTSREQUEST']._serialized_start=591
-  _globals['_SETCONTROLPOINTSREQUEST']._serialized_end=673
-  _globals['_GETCONTROLPOINTSREQUEST']._serialized_start=675
-  _globals['_GETCONTROLPOINTSREQUEST']._serialized_end=718
-  _globals['_DELETECONTROLPOINTSREQUEST']._serialized_start=720
-  _globals['_DELETECONTROLPOINTSREQUEST']._serialized_end=766
-  _globals['_GETSCENESIZEREQUEST']._serialized_start=768
-  _globals['_GETSCENESIZEREQUEST']._serialized_end=807
-  _globals['_WATCHEVENTSREQUEST']._serialized_start=809
-  _globals['_WATCHEVENTSREQUEST']._serialized_end=905
-  _globals['_AUTOMATICWORLD']._serialized_start=907
-  _globals['_AUTOMATICWORLD']._serialized_end=923
-  _globals['_LOCALWORLD']._serialized_start=925
-  _globals['_LOCALWORLD']._serialized_end=937
-  _globals['_ENUWORLD']._serialized_start=939
-  _globals['_ENUWORLD']._serialized_end=981
-  _globals['_WORLD']._serialized_start=984
-  _globals['_WORLD']._serialized_end=1114
-  _globals['_CAMERAPRIOR']._serialized_start=1116
-  _globals['_CAMERAPRIOR']._serialized_end=1215
-  _globals['_POLICY']._serialized_start=1217
-  _globals['_POLICY']._serialized_end=1311
-  _globals['_RETENTION']._serialized_start=1314
-  _globals['_RETENTION']._serialized_end=1557
-  _globals['_SCENEREQUEST']._serialized_start=1560
-  _globals['_SCENEREQUEST']._serialized_end=1739
-  _globals['_SCENECHANGE']._serialized_start=1741
-  _globals['_SCENECHANGE']._serialized_end=1852
-  _globals['_SCENESIZE']._serialized_start=1854
-  _globals['_SCENESIZE']._serialized_end=1974
-  _globals['_IMAGECOUNTS']._serialized_start=1976
-  _globals['_IMAGECOUNTS']._serialized_end=2099
-  _globals['_SCENE']._serialized_start=2102
-  _globals['_SCENE']._serialized_end=2489
-  _globals['_SCENELIST']._serialized_start=2491
-  _globals['_SCENELIST']._serialized_end=2560
-  _globals['_SCENESERVICE']._serialized_start=2675
-  _globals['_SCENESERVICE']._serialized_end=3343
+  _globals['_TRIGGER']._serialized_start=2790
+  _globals['_TRIGGER']._serialized_end=2900
+  _globals['_CREATESCENEREQUEST']._serialized_start=182
+  _globals['_CREATESCENEREQUEST']._serialized_end=289
+  _globals['_LISTSCENESREQUEST']._serialized_start=292
+  _globals['_LISTSCENESREQUEST']._serialized_end=431
+  _globals['_GETSCENEREQUEST']._serialized_start=433
+  _globals['_GETSCENEREQUEST']._serialized_end=468
+  _globals['_CHANGESCENEREQUEST']._serialized_start=470
+  _globals['_CHANGESCENEREQUEST']._serialized_end=573
+  _globals['_DELETESCENEREQUEST']._serialized_start=575
+  _globals['_DELETESCENEREQUEST']._serialized_end=641
+  _globals['_SETCONTROLPOINTSREQUEST']._serialized_start=643
+  _globals['_SETCONTROLPOINTSREQUEST']._serialized_end=725
+  _globals['_GETCONTROLPOINTSREQUEST']._serialized_start=727
+  _globals['_GETCONTROLPOINTSREQUEST']._serialized_end=770
+  _globals['_DELETECONTROLPOINTSREQUEST']._serialized_start=772
+  _globals['_DELETECONTROLPOINTSREQUEST']._serialized_end=818
+  _globals['_GETSCENESIZEREQUEST']._serialized_start=820
+  _globals['_GETSCENESIZEREQUEST']._serialized_end=859
+  _globals['_WATCHEVENTSREQUEST']._serialized_start=861
+  _globals['_WATCHEVENTSREQUEST']._serialized_end=957
+  _globals['_AUTOMATICWORLD']._serialized_start=959
+  _globals['_AUTOMATICWORLD']._serialized_end=975
+  _globals['_LOCALWORLD']._serialized_start=977
+  _globals['_LOCALWORLD']._serialized_end=989
+  _globals['_ENUWORLD']._serialized_start=991
+  _globals['_ENUWORLD']._serialized_end=1033
+  _globals['_WORLD']._serialized_start=1036
+  _globals['_WORLD']._serialized_end=1166
+  _globals['_CAMERAPRIOR']._serialized_start=1168
+  _globals['_CAMERAPRIOR']._serialized_end=1267
+  _globals['_POLICY']._serialized_start=1269
+  _globals['_POLICY']._serialized_end=1363
+  _globals['_RETENTION']._serialized_start=1366
+  _globals['_RETENTION']._serialized_end=1609
+  _globals['_SCENEREQUEST']._serialized_start=1612
+  _globals['_SCENEREQUEST']._serialized_end=1791
+  _globals['_SCENECHANGE']._serialized_start=1793
+  _globals['_SCENECHANGE']._serialized_end=1904
+  _globals['_SCENESIZE']._serialized_start=1906
+  _globals['_SCENESIZE']._serialized_end=2026
+  _globals['_IMAGECOUNTS']._serialized_start=2028
+  _globals['_IMAGECOUNTS']._serialized_end=2151
+  _globals['_SCENE']._serialized_start=2154
+  _globals['_SCENE']._serialized_end=2629
+  _globals['_SCENEJOB']._serialized_start=2631
+  _globals['_SCENEJOB']._serialized_end=2717
+  _globals['_SCENELIST']._serialized_start=2719
+  _globals['_SCENELIST']._serialized_end=2788
+  _globals['_SCENESERVICE']._serialized_start=2903
+  _globals['_SCENESERVICE']._serialized_end=3571
 # @@protoc_insertion_point(module_scope)

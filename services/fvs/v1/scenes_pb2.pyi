@@ -2,6 +2,7 @@ import datetime
 
 from fvs.v1 import control_points_pb2 as _control_points_pb2
 from fvs.v1 import events_pb2 as _events_pb2
+from fvs.v1 import jobs_pb2 as _jobs_pb2
 from fvs.v1 import poses_pb2 as _poses_pb2
 from google.protobuf import empty_pb2 as _empty_pb2
 from google.protobuf import timestamp_pb2 as _timestamp_pb2
@@ -34,14 +35,16 @@ class CreateSceneRequest(_message.Message):
     def __init__(self, scene: _Optional[_Union[SceneRequest, _Mapping]] = ..., idempotency_key: _Optional[str] = ...) -> None: ...
 
 class ListScenesRequest(_message.Message):
-    __slots__ = ("after", "limit", "name")
+    __slots__ = ("after", "limit", "name", "search")
     AFTER_FIELD_NUMBER: _ClassVar[int]
     LIMIT_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
+    SEARCH_FIELD_NUMBER: _ClassVar[int]
     after: str
     limit: int
     name: str
-    def __init__(self, after: _Optional[str] = ..., limit: _Optional[int] = ..., name: _Optional[str] = ...) -> None: ...
+    search: str
+    def __init__(self, after: _Optional[str] = ..., limit: _Optional[int] = ..., name: _Optional[str] = ..., search: _Optional[str] = ...) -> None: ...
 
 class GetSceneRequest(_message.Message):
     __slots__ = ("scene_id",)
@@ -216,7 +219,7 @@ class ImageCounts(_message.Message):
     def __init__(self, received: _Optional[int] = ..., accepted: _Optional[int] = ..., rejected: _Optional[int] = ..., pending: _Optional[int] = ..., excluded: _Optional[int] = ..., quarantined: _Optional[int] = ...) -> None: ...
 
 class Scene(_message.Message):
-    __slots__ = ("id", "name", "world", "origin", "camera", "policy", "retention", "image_counts", "snapshot_id", "alignment", "created_at", "etag")
+    __slots__ = ("id", "name", "world", "origin", "camera", "policy", "retention", "image_counts", "snapshot_id", "alignment", "created_at", "etag", "snapshot_created_at", "job")
     ID_FIELD_NUMBER: _ClassVar[int]
     NAME_FIELD_NUMBER: _ClassVar[int]
     WORLD_FIELD_NUMBER: _ClassVar[int]
@@ -229,6 +232,8 @@ class Scene(_message.Message):
     ALIGNMENT_FIELD_NUMBER: _ClassVar[int]
     CREATED_AT_FIELD_NUMBER: _ClassVar[int]
     ETAG_FIELD_NUMBER: _ClassVar[int]
+    SNAPSHOT_CREATED_AT_FIELD_NUMBER: _ClassVar[int]
+    JOB_FIELD_NUMBER: _ClassVar[int]
     id: str
     name: str
     world: World
@@ -241,7 +246,19 @@ class Scene(_message.Message):
     alignment: _poses_pb2.Alignment
     created_at: _timestamp_pb2.Timestamp
     etag: str
-    def __init__(self, id: _Optional[str] = ..., name: _Optional[str] = ..., world: _Optional[_Union[World, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ..., camera: _Optional[_Union[CameraPrior, _Mapping]] = ..., policy: _Optional[_Union[Policy, _Mapping]] = ..., retention: _Optional[_Union[Retention, _Mapping]] = ..., image_counts: _Optional[_Union[ImageCounts, _Mapping]] = ..., snapshot_id: _Optional[str] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., etag: _Optional[str] = ...) -> None: ...
+    snapshot_created_at: _timestamp_pb2.Timestamp
+    job: SceneJob
+    def __init__(self, id: _Optional[str] = ..., name: _Optional[str] = ..., world: _Optional[_Union[World, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ..., camera: _Optional[_Union[CameraPrior, _Mapping]] = ..., policy: _Optional[_Union[Policy, _Mapping]] = ..., retention: _Optional[_Union[Retention, _Mapping]] = ..., image_counts: _Optional[_Union[ImageCounts, _Mapping]] = ..., snapshot_id: _Optional[str] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., etag: _Optional[str] = ..., snapshot_created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ..., job: _Optional[_Union[SceneJob, _Mapping]] = ...) -> None: ...
+
+class SceneJob(_message.Message):
+    __slots__ = ("id", "kind", "state")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    KIND_FIELD_NUMBER: _ClassVar[int]
+    STATE_FIELD_NUMBER: _ClassVar[int]
+    id: str
+    kind: _jobs_pb2.JobKind
+    state: _jobs_pb2.JobState
+    def __init__(self, id: _Optional[str] = ..., kind: _Optional[_Union[_jobs_pb2.JobKind, str]] = ..., state: _Optional[_Union[_jobs_pb2.JobState, str]] = ...) -> None: ...
 
 class SceneList(_message.Message):
     __slots__ = ("items", "next")

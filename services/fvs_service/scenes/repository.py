@@ -1,15 +1,18 @@
 """Scenes in the database."""
 
 import hashlib
+from collections.abc import Sequence
 from dataclasses import dataclass
 from datetime import datetime
 from typing import Any, TypeAlias
+from unicodedata import normalize
 
 from pydantic import TypeAdapter
 from sqlalchemy import Row, bindparam, func, null, or_, select, update
 from sqlalchemy.orm import Session
 
 from fvs_schema.control_points import ControlPoints
+from fvs_schema.jobs import JobKind, JobState
 from fvs_schema.scenes import (
     Alignment,
     EnuWorld,
@@ -17,6 +20,7 @@ from fvs_schema.scenes import (
     Origin,
     Scene,
     SceneChange,
+    SceneJob,
     SceneList,
     ScenePage,
     SceneRequest,
@@ -28,6 +32,7 @@ from fvs_service.storage.database import Reader
 from fvs_service.storage.pages import Cursors, newest_first
 from fvs_service.storage.tables import (
     ImageRow,
+    JobRow,
     SceneRow,
     SnapshotArtifactRow,
     SnapshotRow,
@@ -42,6 +47,8 @@ _HEAD = select(_SCENES.c.id, _SCENES.c.tenant_id, _SCENES.c.origin, _SCENES.c.sn
 )
 """A statement that is built once, because nearly every request executes it."""
 _HeadRow: TypeAlias = Row[str, str, Any, str | None]
+_Count: TypeAlias = tuple[str, str, int]
+"""A verdict, a registration, and how many images have both."""
 _LEFT_OUT = ("excluded", "quarantined")
 _NO_SCENE = "There is no such scene."
 
@@ -62,6 +69,7 @@ def add_scene(session: Session, scene_id: str, tenant_id: str, request: SceneReq
         SceneRow(
             id=scene_id,
             tenant_id=tenant_id,
+            folded_name=_folded(request.name),
             request=request.model_dump(mode="json"),
             origin=None if origin is None else origin.model_dump(mode="json"),
             snapshot_id=None,
@@ -76,7 +84,8 @@ def add_scene(session: Session, scene_id: str, tenant_id: str, request: SceneReq
 
 def scene_of(session: Session, principal: Principal, scene_id: str) -> Scene:
     """A scene of the principal's tenant; raises ``NotFoundError``."""
-    return _scene(session, _row_of(session, principal, scene_id))
+    (scene,) = _scenes(session, [_row_of(session, principal, scene_id)])
+    return scene
 
 
 def scene_head_of(reader: Reader, principal: Principal, scene_id: str) -> SceneHead:
@@ -89,7 +98,8 @@ def scene_head_of(reader: Reader, principal: Principal, scene_id: str) -> SceneH
 
 def find_scene(session: Session, scene_id: str) -> Scene:
     """A scene of any tenant, for workers; raises ``NotFoundError``."""
-    return _scene(session, _row(session, scene_id))
+    (scene,) = _scenes(session, [_row(session, scene_id)])
+    return scene
 
 
 def find_scene_head(reader: Reader, scene_id: str) -> SceneHead:
@@ -108,9 +118,11 @@ def scenes_of_tenant(session: Session, tenant_id: str, page: ScenePage) -> Scene
     query = select(SceneRow).where(SceneRow.tenant_id == tenant_id)
     if page.name is not None:
         query = query.where(SceneRow.request["name"].as_string() == page.name)
-    cursors = Cursors("scenes", tenant_id, page.name or "")
+    if page.search is not None:
+        query = query.where(SceneRow.folded_name.contains(_folded(page.search), autoescape=True))
+    cursors = Cursors("scenes", tenant_id, page.name or "", page.search or "")
     rows, following = newest_first(session, query, SceneRow, page, cursors)
-    return SceneList(items=tuple(_scene(session, row) for row in rows), next=following)
+    return SceneList(items=_scenes(session, rows), next=following)
 
 
 def count_scenes(session: Session, tenant_id: str) -> int:
@@ -123,6 +135,7 @@ def change_scene(session: Session, principal: Principal, scene_id: str, change: 
     row = _row_of(session, principal, scene_id)
     given = change.model_dump(mode="json", exclude_none=True)
     row.request = {**SceneRequest.model_validate(row.request).model_dump(mode="json"), **given}
+    row.folded_name = _folded(row.request["name"])
     session.flush()
 
 
@@ -223,12 +236,30 @@ def _origin(document: Any) -> Origin | None:
     return None if document is None else Origin.model_validate(document)
 
 
-def _scene(session: Session, row: SceneRow) -> Scene:
+def _folded(name: str) -> str:
+    """A name without the differences that a search ignores: of case, and of how letters are composed."""
+    return normalize("NFKC", normalize("NFKC", name).casefold())
+
+
+def _scenes(session: Session, rows: Sequence[SceneRow]) -> tuple[Scene, ...]:
+    """The domain models of rows, with as many queries as for one."""
+    ids = [row.id for row in rows]
+    counts, jobs = _counts(session, ids), _jobs(session, ids)
+    snapshots = _snapshots(session, [row.snapshot_id for row in rows if row.snapshot_id is not None])
+    return tuple(
+        _scene(row, counts.get(row.id, ()), snapshots.get(row.snapshot_id or ""), jobs.get(row.id))
+        for row in rows
+    )
+
+
+def _scene(
+    row: SceneRow,
+    counts: Sequence[_Count],
+    snapshot: tuple[Alignment, datetime] | None,
+    job: SceneJob | None,
+) -> Scene:
     request = SceneRequest.model_validate(row.request)
-    alignment = None
-    if row.snapshot_id is not None:
-        document = session.scalar(select(SnapshotRow.document).where(SnapshotRow.id == row.snapshot_id))
-        alignment = _ALIGNMENT.validate_python((document or {}).get("alignment"))
+    alignment, snapshot_created_at = snapshot or (None, None)
     scene = Scene(
         id=row.id,
         name=request.name,
@@ -237,9 +268,11 @@ def _scene(session: Session, row: SceneRow) -> Scene:
         camera=request.camera,
         policy=request.policy,
         retention=request.retention,
-        image_counts=_counts(session, row.id),
+        image_counts=_image_counts(counts),
         snapshot_id=row.snapshot_id,
+        snapshot_created_at=snapshot_created_at,
         alignment=alignment,
+        job=job,
         created_at=row.created_at,
         etag="",
     )
@@ -247,13 +280,47 @@ def _scene(session: Session, row: SceneRow) -> Scene:
     return scene.model_copy(update={"etag": hashlib.sha256(content.encode()).hexdigest()[:32]})
 
 
-def _counts(session: Session, scene_id: str) -> ImageCounts:
+def _snapshots(session: Session, ids: Sequence[str]) -> dict[str, tuple[Alignment, datetime]]:
+    """The alignments of snapshots and when they were made, by id."""
+    if not ids:
+        return {}
     rows = session.execute(
-        select(ImageRow.verdict, ImageRow.registration, func.count())
-        .where(ImageRow.scene_id == scene_id)
-        .group_by(ImageRow.verdict, ImageRow.registration)
-    ).all()
-    received = sum(count for verdict, _, count in rows if verdict != "video")
-    accepted = sum(count for verdict, _, count in rows if verdict == "accepted")
-    of = {state: sum(n for _, found, n in rows if found == state) for state in ("pending", *_LEFT_OUT)}
+        select(SnapshotRow.id, SnapshotRow.document["alignment"], SnapshotRow.created_at).where(
+            SnapshotRow.id.in_(ids)
+        )
+    )
+    return {snapshot_id: (_ALIGNMENT.validate_python(alignment), at) for snapshot_id, alignment, at in rows}
+
+
+def _jobs(session: Session, scene_ids: Sequence[str]) -> dict[str, SceneJob]:
+    """What is done with scenes, or is next."""
+    running = JobState.RUNNING.value
+    rows = session.execute(
+        select(JobRow.scene_id, JobRow.id, JobRow.kind, JobRow.state)
+        .where(JobRow.state.in_([JobState.QUEUED.value, running]), JobRow.scene_id.in_(scene_ids))
+        .order_by(JobRow.state != running, *JobRow.oldest_first())
+    )
+    found: dict[str, SceneJob] = {}
+    for scene_id, job_id, kind, state in rows:
+        found.setdefault(scene_id, SceneJob(id=job_id, kind=JobKind(kind), state=JobState(state)))
+    return found
+
+
+def _counts(session: Session, scene_ids: Sequence[str]) -> dict[str, list[_Count]]:
+    """The numbers of images of scenes by verdict and registration."""
+    rows = session.execute(
+        select(ImageRow.scene_id, ImageRow.verdict, ImageRow.registration, func.count())
+        .where(ImageRow.scene_id.in_(scene_ids))
+        .group_by(ImageRow.scene_id, ImageRow.verdict, ImageRow.registration)
+    )
+    found: dict[str, list[_Count]] = {}
+    for scene_id, verdict, registration, count in rows:
+        found.setdefault(scene_id, []).append((verdict, registration, count))
+    return found
+
+
+def _image_counts(counts: Sequence[_Count]) -> ImageCounts:
+    received = sum(count for verdict, _, count in counts if verdict != "video")
+    accepted = sum(count for verdict, _, count in counts if verdict == "accepted")
+    of = {state: sum(n for _, found, n in counts if found == state) for state in ("pending", *_LEFT_OUT)}
     return ImageCounts(received=received, accepted=accepted, rejected=received - accepted, **of)

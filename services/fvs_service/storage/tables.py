@@ -4,7 +4,7 @@ from datetime import UTC, datetime
 from typing import Any
 
 import sqlalchemy
-from sqlalchemy import JSON, BigInteger, DateTime, ForeignKey, Index, Integer, String, text
+from sqlalchemy import JSON, BigInteger, DateTime, ForeignKey, Index, Integer, String, Text, text
 from sqlalchemy.engine import Dialect
 from sqlalchemy.orm import DeclarativeBase, Mapped, mapped_column
 from sqlalchemy.types import TypeDecorator
@@ -98,12 +98,14 @@ class IdempotencyRow(Table):
 class SceneRow(Recorded, Table):
     """A scene; ``snapshot_id`` points to the latest snapshot, ``working_copy`` to that of its folder.
 
-    Of its events those up to ``last_deleted_event`` are not kept any longer.
+    ``folded_name`` is its name for searches. Of its events those up to ``last_deleted_event`` are not kept
+    any longer.
     """
 
     __tablename__ = "scenes"
 
     tenant_id: Mapped[str] = mapped_column(String(64), index=True)
+    folded_name: Mapped[str] = mapped_column(Text)
     request: Mapped[dict[str, Any]]
     origin: Mapped[dict[str, Any] | None]
     control_points: Mapped[dict[str, Any] | None]

@@ -71,6 +71,63 @@ def test_scenes_are_found_by_name(gateway: Any) -> None:
     assert gateway.client.get("/v1/scenes", params={"name": ""}).status_code == 422
 
 
+def test_scenes_are_found_by_a_part_of_their_name(gateway: Any) -> None:
+    names = ("Zürich 100%", "STRASSE_7", "Ωmega site", "Cafe\u0301")
+    made = {name: gateway.scene(name=name) for name in names}
+
+    def found(text: str) -> set[str]:
+        answer = gateway.client.get("/v1/scenes", params={"search": text})
+        return {one["name"] for one in answer.json()["items"]}
+
+    for text, name in (
+        *(("züRI", "Zürich 100%"), ("0%", "Zürich 100%"), ("straße_", "STRASSE_7"), ("ΩME", "Ωmega site")),
+        ("CAFÉ", "Cafe\u0301"),
+    ):
+        assert found(text) == {name}
+    for text in ("z_rich", "Z%h", "\\", "*"):
+        assert found(text) == set()
+    gateway.client.patch(f"/v1/scenes/{made['STRASSE_7']}", json={"name": "Gasse 7"})
+    assert found("strasse") == set()
+    assert found("GASSE") == {"Gasse 7"}
+    assert gateway.client.get("/v1/scenes", params={"search": ""}).status_code == 422
+    both = {"search": "gasse", "name": "Zürich 100%"}
+    assert gateway.client.get("/v1/scenes", params=both).json()["items"] == []
+
+
+def test_the_list_says_what_is_done_with_a_scene(gateway: Any, photograph: Callable[..., bytes]) -> None:
+    scene, idle = gateway.scene(name="busy yard"), gateway.scene(name="idle yard")
+
+    def listed(scene_id: str) -> dict[str, Any]:
+        items = gateway.client.get("/v1/scenes", params={"search": "yard"}).json()["items"]
+        (one,) = (item for item in items if item["id"] == scene_id)
+        assert one == gateway.client.get(f"/v1/scenes/{scene_id}").json()
+        return one
+
+    assert listed(idle)["job"] is listed(idle)["snapshot_created_at"] is None
+    snapshot = gateway.model(scene)
+    made = gateway.client.get(f"/v1/snapshots/{snapshot}").json()
+    assert (listed(scene)["snapshot_id"], listed(scene)["snapshot_created_at"]) == (
+        snapshot,
+        made["created_at"],
+    )
+    assert listed(scene)["job"] is None
+    fine = gateway.queue(scene, "fine")
+    assert listed(scene)["job"] == {"id": fine, "kind": "fine", "state": "queued"}
+    update = gateway.queue(scene)
+    assert listed(scene)["job"]["id"] == fine  # it has waited longest
+    lease = gateway.lease(scene)
+    gateway.application.storage.ledger.start(lease, update, 1)
+    gateway.application.storage.leases.release(lease)
+    assert listed(scene)["job"] == {"id": update, "kind": "update", "state": "running"}
+    assert listed(idle)["job"] is None
+    tag = listed(scene)["etag"]
+    gateway.client.post(f"/v1/jobs/{fine}:cancel")
+    assert listed(scene)["etag"] == tag
+    gateway.put(idle, photograph())
+    assert listed(idle)["image_counts"]["received"] == 1
+    assert listed(scene)["image_counts"]["received"] == 0
+
+
 def test_a_cursor_of_another_list_is_refused(gateway: Any, photograph: Callable[..., bytes]) -> None:
     scene, other = gateway.scene(), gateway.scene()
     for seed in range(2):

@@ -378,6 +378,8 @@ class Scenes:
         """The images of a scene, without fetching the scene: for a device whose API key may only upload."""
         return SceneImages(self._session, scene_id)
 
-    def list(self, *, name: str | None = None) -> Iterator[Scene]:
-        """All scenes, or those with this name, newest first."""
-        return self._session.items(Scene, "/v1/scenes", {} if name is None else {"name": name})
+    def list(self, *, name: str | None = None, search: str | None = None) -> Iterator[Scene]:
+        """All scenes, or those with this ``name``, or whose name contains ``search``, newest first."""
+        given = {"name": name, "search": search}
+        query = {key: value for key, value in given.items() if value is not None}
+        return self._session.items(Scene, "/v1/scenes", query)

@@ -91,22 +91,27 @@ def create(
 def list_all(
     context: typer.Context,
     name: Annotated[str | None, typer.Option(help="Only scenes with this name.", show_default="all")] = None,
+    search: Annotated[
+        str | None,
+        typer.Option(metavar="TEXT", help="Only those whose name contains it.", show_default="all"),
+    ] = None,
     as_json: JsonOption = False,
 ) -> None:
     """List the scenes, newest first."""
     with service(context, as_json=as_json) as client:
-        found = list(client.scenes.list(name=name))
+        found = list(client.scenes.list(name=name, search=search))
     if as_json:
         print_json([scene.model_dump(mode="json", by_alias=True) for scene in found])
         return
     print_table(
-        ("id", "name", "images", "model", "created"),
+        ("id", "name", "images", "model", "job", "created"),
         [
             (
                 scene.id,
                 scene.name,
                 str(scene.image_counts.received),
                 scene.snapshot_id or "none yet",
+                "" if scene.job is None else f"{scene.job.kind.value} {scene.job.state.value}",
                 scene.created_at.strftime("%F %H:%M"),
             )
             for scene in found

@@ -3149,7 +3149,7 @@ export interface components {
         };
         /**
          * Scene
-         * @description A scene: its settings, its numbers of images, and its latest snapshot.
+         * @description A scene: its settings, its numbers of images, its latest snapshot, and what is done with it.
          */
         Scene: {
             /** @description The id, `scn_…`. */
@@ -3170,8 +3170,12 @@ export interface components {
             image_counts: components["schemas"]["ImageCounts"];
             /** @description The latest snapshot; null before the first update. */
             snapshot_id: string | null;
+            /** @description When the latest snapshot was made; null before the first update. */
+            snapshot_created_at: string | null;
             /** @description The alignment of the latest snapshot. */
             alignment: components["schemas"]["Alignment"] | null;
+            /** @description The job that runs, or else the one that has waited longest; null when there is nothing to do. */
+            job: components["schemas"]["SceneJob"] | null;
             /**
              * Format: date-time
              * @description When it was created.
@@ -3199,6 +3203,18 @@ export interface components {
             policy?: components["schemas"]["Policy"] | null;
             /** @description The new retention, as a whole. */
             retention?: components["schemas"]["Retention"] | null;
+        };
+        /**
+         * SceneJob
+         * @description The job of a scene that runs, or else the one that has waited longest.
+         */
+        SceneJob: {
+            /** @description The id, `job_…`. */
+            id: string;
+            /** @description What it does. */
+            kind: components["schemas"]["JobKind"];
+            /** @description Whether it is queued or runs. */
+            state: components["schemas"]["JobState"];
         };
         /**
          * SceneList
@@ -3814,6 +3830,8 @@ export interface operations {
                 limit?: number;
                 /** @description Only scenes with this name. */
                 name?: string;
+                /** @description Only scenes whose name contains this, in upper or lower case. */
+                search?: string;
             };
             header?: never;
             path?: never;

@@ -79,6 +79,7 @@ def _create_tables_of_scenes() -> None:
         "scenes",
         *_recorded(),
         sa.Column("tenant_id", sa.String(64), nullable=False, index=True),
+        sa.Column("folded_name", sa.Text(), nullable=False),
         sa.Column("request", sa.JSON(), nullable=False),
         sa.Column("origin", sa.JSON()),
         sa.Column("control_points", sa.JSON()),
