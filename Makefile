@@ -1,6 +1,6 @@
 # make setup      .venv with everything (done by the others when needed)
 # make demo       the service and its client, from photographs to ranked next views: make demo IMAGES=path/to/photographs
-#                 (without any: kermit in FVS_DATA, else a simulated courtyard)
+#                 (without any: kermit in FVS_DATA, else a simulated courtyard); KEEP=1 leaves its page open until Ctrl-C
 # make demo-flight  a simulated copter photographs a courtyard on its own, from view to view
 # make test       all checks and the quick tests of everything: make test WORKERS=6 for more than four processes at once
 # make unit       the tests that start no process and read no photograph
@@ -54,7 +54,7 @@ $(GENERATORS): $(GENERATED)/requirements.txt
 	touch $@
 
 demo: setup
-	$(BIN)/python demo/run.py $(if $(IMAGES),"$(IMAGES)") --out "$(OUT)"
+	$(BIN)/python demo/run.py $(if $(IMAGES),"$(IMAGES)") --out "$(OUT)" $(if $(KEEP),--keep)
 
 demo-flight: setup
 	$(BIN)/python demo/fly.py

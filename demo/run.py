@@ -1,26 +1,34 @@
 """The demonstration, ``make demo``: from photographs to ranked next views, as a client of the service.
 
 Starts the service, uploads photographs (of a simulated courtyard if none are given), updates the model, ranks
-candidates, and writes the results into one folder.
+candidates, and writes the results into one folder. The console shows the scene meanwhile, and with ``--keep``
+until Ctrl-C.
 """
 
 import argparse
+import json
 import signal
 import subprocess
 import sys
 import tempfile
+import threading
 import time
 from functools import partial
 from pathlib import Path
 
-from fvs_client import Client, Dataset, FvsError, Job, Orbit, Ranking, Scene, Snapshot
+import numpy as np
+from fvs_client import Client, Dataset, FvsError, ImageMetadata, Job, Orbit, Ranking, Scene, Snapshot
 from fvs_client.cli.progress import display, job_progress, upload_progress
+from fvs_client.uploads import Describe
 from fvs_service.errors import ServiceError
 from fvs_service.serving.running import running_service
 from pictures import draw_contact_sheet, draw_trajectory
 from rich.console import Console
 from rich.table import Table
 
+from fvs_engine.geometry.geodetic import GeodeticPosition, geodetic_from_enu
+
+HOME = GeodeticPosition(47.3769, 8.5417, 440.0)
 FVS = Path(sys.executable).with_name("fvs")
 console = Console()
 GENERATORS: dict[str, Orbit | Dataset] = {"orbit": Orbit(), "dataset": Dataset()}
@@ -37,8 +45,10 @@ def main() -> None:
     parser.add_argument("--iterations", type=int, default=1500, help="of training")
     parser.add_argument("--long-side", type=int, default=640, help="of the images in training, in px")
     parser.add_argument("--generator", choices=GENERATORS, help="generator of the candidates")
+    parser.add_argument("--keep", action="store_true", help="leave the service running until Ctrl-C")
     options = parser.parse_args()
-    signal.signal(signal.SIGTERM, lambda *_: sys.exit(143))  # so that the service is stopped then, too
+    for number in (signal.SIGINT, signal.SIGTERM):  # so that the service is stopped then, too
+        signal.signal(number, lambda number, _: sys.exit(128 + number))
     if options.photographs is not None and not options.photographs.is_dir():
         missing = "is not a folder" if options.photographs.exists() else "does not exist"
         parser.error(f"{options.photographs} {missing}: give a folder of photographs")
@@ -52,15 +62,19 @@ def main() -> None:
                 running_service(Path(folder) / "service", options.out / "service.log") as service,
                 Client(service.url) as client,
             ):
-                console.print(f"The service runs at {service.url}")
                 scene = client.scenes.create("demonstration")
-                _send(scene, photographs)
+                page = f"{service.url}/#/scenes/{scene.id}"
+                console.print(f"Watch it in a browser: {page}", soft_wrap=True)
+                _send(scene, photographs, _positions(photographs) if options.photographs is None else None)
                 job = _update(scene, options.iterations, options.long_side)
                 ranking = scene.rank(generator=GENERATORS[chosen], frame="model")
                 _print(ranking)
                 snapshot = job.snapshot()
                 assert snapshot is not None
                 _leave(options.out, snapshot, ranking)
+                if options.keep:
+                    console.print(f"The scene stays open: {page}\nCtrl-C stops the service.", soft_wrap=True)
+                    _wait_for_signal()
         except (FvsError, ServiceError) as error:
             raise SystemExit(
                 f"{error}\n{error.hint}\nThe service's log is {options.out}/service.log"
@@ -76,9 +90,37 @@ def _make_photographs(folder: Path) -> Path:
     return folder / "courtyard" / "images"
 
 
-def _send(scene: Scene, photographs: Path) -> None:
+def _positions(photographs: Path) -> Describe:
+    """Where simulated photographs were taken, as if the courtyard were ten times as large."""
+    frames = json.loads((photographs.parent / "transforms.json").read_text())["frames"]
+    metres = {
+        Path(frame["file_path"]).name: [10.0 * row[3] for row in frame["transform_matrix"][:3]]
+        for frame in frames
+    }
+
+    def describe(path: Path) -> ImageMetadata:
+        position = geodetic_from_enu(np.array(metres[path.name]), HOME)
+        return ImageMetadata(
+            latitude_deg=position.latitude_deg,
+            longitude_deg=position.longitude_deg,
+            altitude_m=position.altitude_m,
+        )
+
+    return describe
+
+
+def _wait_for_signal() -> None:
+    stopping = threading.Event()
+    for number in (signal.SIGINT, signal.SIGTERM):
+        signal.signal(number, lambda *_: stopping.set())
+    stopping.wait()
+
+
+def _send(scene: Scene, photographs: Path, describe: Describe | None) -> None:
     with display("Uploading photographs", as_json=False, in_bytes=True) as shown:
-        report = scene.images.upload(photographs, on_progress=partial(upload_progress, shown))
+        report = scene.images.upload(
+            photographs, on_progress=partial(upload_progress, shown), describe=describe
+        )
     for file in (*report.failed, *report.rejected):
         console.print(f"  {file.path.name}: {file.image.reason if file.image else file.error}")
     again = scene.images.upload(photographs)

@@ -47,6 +47,7 @@ _STARTS_PROCESSES |= {"real_service", "played_service", "fvs", "fvs_command", "f
 _PROCESS_FILES = (
     "clients/test_secure_service.py",
     "clients/test_command_line.py",
+    "console/",
     "contract/test_access_rule.py",
     "contract/test_released_contract.py",
     "clients/generated/",
@@ -104,6 +105,7 @@ _INTEGRATION_FILES = (
 _KINDS = ("unit", "integration", "process", "real")
 # Tests that share a session's expensive fixtures run in one worker: beginning of a file's path → their group.
 _IN_ONE_WORKER = {
+    "console/": "console",
     "contract/": "contract",
     "docs/test_code_blocks.py": "code blocks",
     "fvs_engine/cli/reconstructed/": "a reconstruction",

@@ -35,18 +35,18 @@ class RunningService:
 
 @contextmanager
 def running_service(
-    root: Path, log: Path, environment: Mapping[str, str] | None = None
+    root: Path, log: Path, environment: Mapping[str, str] | None = None, *, port: int = 0
 ) -> Iterator[RunningService]:
-    """A service on a free port of loopback, with its data in ``root``; it is stopped at the end of the block.
+    """A service on loopback, with its data in ``root``; it is stopped at the end of the block.
 
-    Its log goes to ``log``; ``environment`` has further settings (``FVS_…``). Raises ``UnavailableError``
-    when it does not start.
+    It listens on ``port``, or on a free one. Its log goes to ``log``; ``environment`` has further settings
+    (``FVS_…``). Raises ``UnavailableError`` when it does not start.
     """
     command = [sys.executable, "-c", "from fvs_engine.cli import main; main()", "serve"]
     with (
         log.open("w") as to,
         subprocess.Popen(
-            [*command, "--root", str(root), "--port", "0"],
+            [*command, "--root", str(root), "--port", str(port)],
             stdout=subprocess.PIPE,
             stderr=to,
             text=True,
