@@ -9,9 +9,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 from scipy.stats import t as student_t
 
 from fvs_engine.plan.plan_records import COVERAGE, Forecast
+
+Array = NDArray[np.float64]
 
 LEAST_PHOTOGRAPHS = 3
 """Minimum number of photographs for a forecast: before, the quality level of a scene is unknown."""
@@ -62,13 +65,21 @@ class PsnrForecast:
 
     def at(self, mean_variance: float) -> Forecast:
         """The mean PSNR to expect over targets with this mean variance."""
-        row = np.array([1.0, -mean_variance])
-        expected = float(row @ self._line)
-        uncertain = float(row @ np.linalg.solve(self._precision, row))
+        return self._at(np.array([mean_variance]), _MODEL_SHARE)[0]
+
+    def of_views(self, variances: Array) -> tuple[Forecast, ...]:
+        """The PSNR to expect of each of some single views, which have these variances [V]."""
+        return self._at(variances, 1.0)
+
+    def _at(self, variances: Array, share: float) -> tuple[Forecast, ...]:
+        """Forecasts of views that deviate from the line by this share of the variance of single ones."""
+        rows = np.stack([np.ones(len(variances)), -variances], axis=1)
+        expected = rows @ self._line
+        uncertain = np.einsum("vi,iv->v", rows, np.linalg.solve(self._precision, rows.T))
         width = float(student_t.ppf(0.5 + COVERAGE / 2, self._freedom))
-        squared = self._squared_sd * (uncertain + _MODEL_SHARE) + _BIAS_SD_DB**2
-        margin = width * float(np.sqrt(squared))
-        return Forecast(db=expected, low_db=expected - margin, high_db=expected + margin)
+        margins = width * np.sqrt(self._squared_sd * (uncertain + share) + _BIAS_SD_DB**2)
+        ends = np.stack([expected, expected - margins, expected + margins], axis=1)
+        return tuple(Forecast(db=db, low_db=low, high_db=high) for db, low, high in ends.tolist())
 
     def gain_db(self, variance: float, variance_after: float) -> float:
         """The rise of the mean PSNR for a fall of the mean variance."""

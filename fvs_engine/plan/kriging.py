@@ -29,6 +29,8 @@ _LEAST_SHARE = 1e-3
 _MOST_TARGETS = 1_000
 _MOST_PRODUCTS = 20_000_000
 """Maximum size of the matrix of targets × candidates: 160 MB."""
+_AT_ONCE = 1_000_000
+"""Maximum size of a matrix of poses × visited ones: 8 MB."""
 
 
 class TargetVariance:
@@ -141,7 +143,12 @@ def variances(points: Array, visited: Array, noise: Array | None = None) -> Arra
 
     ``noise`` [V] is that of the visited ones (None: ``NOISE``).
     """
-    return np.asarray(1.0 - (_solve(_factor(visited, noise), covariance(visited, points)) ** 2).sum(axis=0))
+    factor, found = _factor(visited, noise), np.empty(len(points))
+    size = max(1, _AT_ONCE // max(1, len(visited)))
+    for start in range(0, len(points), size):
+        part = slice(start, start + size)
+        found[part] = 1.0 - (_solve(factor, covariance(visited, points[part])) ** 2).sum(axis=0)
+    return found
 
 
 def _factor(visited: Array, noise: Array | None) -> Array:

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fvs_engine.plan.fleet import Fleet, FleetPlan
 from fvs_engine.plan.forecast import LEAST_PHOTOGRAPHS, PsnrForecast, Seen
@@ -20,6 +21,19 @@ class Expectations:
     def at(self, variance: float) -> Expectation:
         """The expectation at a mean variance."""
         return Expectation(variance=variance, forecast=self._line.at(variance) if self._line else None)
+
+    def of_views(self, variances: NDArray[np.float64]) -> tuple[Expectation, ...]:
+        """The expectation of each of some single views, which have these variances [V]."""
+        forecasts = self._line.of_views(variances) if self._line else [None] * len(variances)
+        return tuple(
+            Expectation(variance=variance, forecast=forecast)
+            for variance, forecast in zip(variances.tolist(), forecasts, strict=True)
+        )
+
+    @property
+    def calibrated(self) -> bool:
+        """Whether enough photographs were seen for a forecast."""
+        return self._line is not None
 
     def gain_db(self, variance: float, variance_after: float) -> float | None:
         """The PSNR that a fall of the mean variance adds; None without a forecast."""

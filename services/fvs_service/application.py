@@ -10,6 +10,7 @@ from fvs_service.auth import Keys
 from fvs_service.concurrency import ConcurrencyLimit
 from fvs_service.deletion.service import Deletions
 from fvs_service.errors import NotFoundError
+from fvs_service.forecasts.service import Forecasts
 from fvs_service.images.exclusion import Exclusions
 from fvs_service.images.fair_turns import FairTurns
 from fvs_service.images.inspection import image_limits
@@ -81,6 +82,7 @@ class Application:
     rankings: Rankings
     renders: Renders
     plans: Plans
+    forecasts: Forecasts
     visits: Visits
     missions: Missions
     webhooks: Webhooks
@@ -224,6 +226,7 @@ def open_application(
                 rankings=rankings,
                 renders=renders,
                 plans=plans,
+                forecasts=Forecasts(storage.database, frames, runners, limits),
                 visits=Visits(storage.database, frames),
                 missions=Missions(storage.database, frames, rankings, plans),
                 webhooks=Webhooks(storage.database, destinations),

@@ -49,6 +49,26 @@ def test_flights_are_planned(compare: Compare) -> None:
     compare(scenario)
 
 
+def test_what_is_not_known_is_forecast(compare: Compare) -> None:
+    def scenario(tenant: Any) -> None:
+        scene = tenant.scene()
+        refused(tenant.call("ForecastViews", {}, scene_id=scene), "no-snapshot")
+        snapshot = model_of(tenant, scene)
+        assert len(tenant.call("ForecastViews", {}, scene_id=scene).result["samples"]) == 24
+        grid = {"kind": "grid", "columns": 3, "rows": 2, "look": "down", "margin_m": 4.0}
+        asked = {"generator": grid, "snapshot_id": snapshot, "frame": "model"}
+        before = tenant.call("ForecastViews", asked, scene_id=scene).result["samples"]
+        after = [{"id": one["id"], "pose": one["pose"]} for one in before[:2]]
+        then = tenant.call("ForecastViews", {**asked, "after": after}, scene_id=scene).result["samples"]
+        assert all(one["variance"] < other["variance"] for one, other in zip(then, before, strict=True))
+        places = tenant.call("ForecastViews", {"surface": {"count": 4}}, scene_id=scene).result["samples"]
+        assert {one["position"]["frame"] for one in places} == {"world"}
+        for wrong in ({"surface": {"count": 0}}, {**asked, "surface": {}}, {"frame": "geodetic"}):
+            refused(tenant.call("ForecastViews", wrong, scene_id=scene), "invalid-request")
+
+    compare(scenario)
+
+
 def test_vehicles_get_different_views(compare: Compare) -> None:
     def scenario(tenant: Any) -> None:
         scene = tenant.scene()

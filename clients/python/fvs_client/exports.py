@@ -63,6 +63,14 @@ from fvs_schema.candidates import (
 )
 from fvs_schema.error_codes import ErrorCode, FieldError
 from fvs_schema.events import Event, EventKind
+from fvs_schema.forecasts import (
+    Forecast,
+    ForecastRequest,
+    ForecastSample,
+    FramePosition,
+    GeodeticPosition,
+    Surface,
+)
 from fvs_schema.images import DigestAnswer, Image, ImageMetadata, KnownImage, Prior, Registration, Verdict
 from fvs_schema.jobs import JobFailure, JobKind, JobState, JobWaiting, WaitReason
 from fvs_schema.missions import (
@@ -151,9 +159,14 @@ __all__ = [
     "FieldError",
     "Finish",
     "ForbiddenError",
+    "Forecast",
+    "ForecastRequest",
+    "ForecastSample",
     "FramePose",
+    "FramePosition",
     "FvsError",
     "Generator",
+    "GeodeticPosition",
     "GoneError",
     "Grid",
     "Health",
@@ -221,6 +234,7 @@ __all__ = [
     "SnapshotMetrics",
     "SnapshotView",
     "Stop",
+    "Surface",
     "Terrain",
     "TerrainOfPoints",
     "Tour",

@@ -10,6 +10,7 @@ from urllib.parse import quote
 from fvs_client.request import FileBody, Request
 from fvs_schema.base import Input
 from fvs_schema.control_points import ControlPoints
+from fvs_schema.forecasts import ForecastRequest
 from fvs_schema.images import ImageMetadata
 from fvs_schema.jobs import JobRequest
 from fvs_schema.missions import MissionOptions, MissionRequest
@@ -269,16 +270,20 @@ def list_visits(scene_id: str) -> Request:
     return Request("GET", f"/v1/scenes/{_part(scene_id)}/visits")
 
 
-def create_plan(
-    scene_id: str, plan: PlanRequest, idempotency_key: str | None, timeout_s: float | None = None
-) -> Request:
+def create_plan(scene_id: str, plan: PlanRequest, key: str | None, timeout_s: float | None) -> Request:
     """Plan a flight; the service computes it for at most ``timeout_s``."""
-    return _computed(_keyed(plans_of(scene_id), plan, idempotency_key), timeout_s)
+    return _computed(_keyed(plans_of(scene_id), plan, key), timeout_s)
 
 
 def plans_of(scene_id: str) -> str:
     """Path of a scene's list of plans."""
     return f"/v1/scenes/{_part(scene_id)}/plans"
+
+
+def create_forecast(scene_id: str, forecast: ForecastRequest, timeout_s: float | None) -> Request:
+    """Forecast views or the surface; the service computes it for at most ``timeout_s``."""
+    path = f"/v1/scenes/{_part(scene_id)}/forecasts"
+    return _computed(Request("POST", path, document=_document(forecast)), timeout_s)
 
 
 def get_plan(plan_id: str) -> Request:

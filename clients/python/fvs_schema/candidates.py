@@ -77,6 +77,8 @@ class Grid(Input):
     """How many poses along its second side."""
     height_m: Coordinate | None = None
     """Height above the middle of the model; by default that of the highest image."""
+    margin_m: Annotated[Number, Field(ge=0, le=MAX_COORDINATE_M)] = 0.0
+    """How far the grid reaches beyond the model's points on each side."""
     look: Literal["centre", "down"] = "centre"
     """Straight down, or at the middle of the model."""
 
@@ -132,6 +134,8 @@ Candidates = Annotated[
     tuple[Candidate, ...], Field(min_length=1, fail_fast=True), within("candidates_per_ranking")
 ]
 Generator = Annotated[Orbit | Grid | Dataset | AroundCurrent | InVolume, Field(discriminator="kind")]
+PlanGenerator = Annotated[Orbit | Grid | Dataset | InVolume, Field(discriminator="kind")]
+"""Generators that need no current pose."""
 SafetyDistance = Annotated[Number, Field(ge=0, le=MAX_COORDINATE_M)]
 Zones = Annotated[tuple[Volume, ...], Field(fail_fast=True), within(_MOST_ZONES)]
 

@@ -8,10 +8,8 @@ from fvs_schema.base import Listing, Output, Timestamp
 from fvs_schema.candidates import (
     Candidates,
     CandidatesRequest,
-    Dataset,
-    Grid,
     InVolume,
-    Orbit,
+    PlanGenerator,
     SafetyDistance,
     Zones,
 )
@@ -25,7 +23,6 @@ from fvs_schema.terrain import AnyTerrain
 
 _MOST_VEHICLES = 20
 
-PlanGenerator = Annotated[Orbit | Grid | Dataset | InVolume, Field(discriminator="kind")]
 _Vehicles = Annotated[tuple[Pose, ...], Field(min_length=1, fail_fast=True), within(_MOST_VEHICLES)]
 
 

@@ -205,6 +205,14 @@ class PlanViewsRequest(_message.Message):
     idempotency_key: str
     def __init__(self, scene_id: _Optional[str] = ..., plan: _Optional[_Union[PlanRequest, _Mapping]] = ..., idempotency_key: _Optional[str] = ...) -> None: ...
 
+class ForecastViewsRequest(_message.Message):
+    __slots__ = ("scene_id", "forecast")
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    FORECAST_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    forecast: ForecastRequest
+    def __init__(self, scene_id: _Optional[str] = ..., forecast: _Optional[_Union[ForecastRequest, _Mapping]] = ...) -> None: ...
+
 class GetPlanRequest(_message.Message):
     __slots__ = ("plan_id",)
     PLAN_ID_FIELD_NUMBER: _ClassVar[int]
@@ -506,16 +514,18 @@ class Orbit(_message.Message):
     def __init__(self, count: _Optional[int] = ..., radius_m: _Optional[float] = ..., height_m: _Optional[float] = ..., centre: _Optional[_Iterable[float]] = ...) -> None: ...
 
 class Grid(_message.Message):
-    __slots__ = ("columns", "rows", "height_m", "look")
+    __slots__ = ("columns", "rows", "height_m", "look", "margin_m")
     COLUMNS_FIELD_NUMBER: _ClassVar[int]
     ROWS_FIELD_NUMBER: _ClassVar[int]
     HEIGHT_M_FIELD_NUMBER: _ClassVar[int]
     LOOK_FIELD_NUMBER: _ClassVar[int]
+    MARGIN_M_FIELD_NUMBER: _ClassVar[int]
     columns: int
     rows: int
     height_m: float
     look: GridLook
-    def __init__(self, columns: _Optional[int] = ..., rows: _Optional[int] = ..., height_m: _Optional[float] = ..., look: _Optional[_Union[GridLook, str]] = ...) -> None: ...
+    margin_m: float
+    def __init__(self, columns: _Optional[int] = ..., rows: _Optional[int] = ..., height_m: _Optional[float] = ..., look: _Optional[_Union[GridLook, str]] = ..., margin_m: _Optional[float] = ...) -> None: ...
 
 class Dataset(_message.Message):
     __slots__ = ()
@@ -910,6 +920,90 @@ class Plan(_message.Message):
     warnings: _containers.RepeatedCompositeFieldContainer[_findings_pb2.Notice]
     created_at: _timestamp_pb2.Timestamp
     def __init__(self, id: _Optional[str] = ..., scene_id: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., request: _Optional[_Union[PlanRequest, _Mapping]] = ..., summary: _Optional[str] = ..., now: _Optional[_Union[Expectation, _Mapping]] = ..., end: _Optional[_Union[Expectation, _Mapping]] = ..., tours: _Optional[_Iterable[_Union[Tour, _Mapping]]] = ..., candidates: _Optional[_Iterable[_Union[CandidateTerms, _Mapping]]] = ..., photographed: _Optional[_Iterable[str]] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ..., warnings: _Optional[_Iterable[_Union[_findings_pb2.Notice, _Mapping]]] = ..., created_at: _Optional[_Union[datetime.datetime, _timestamp_pb2.Timestamp, _Mapping]] = ...) -> None: ...
+
+class Surface(_message.Message):
+    __slots__ = ("count",)
+    COUNT_FIELD_NUMBER: _ClassVar[int]
+    count: int
+    def __init__(self, count: _Optional[int] = ...) -> None: ...
+
+class ForecastRequest(_message.Message):
+    __slots__ = ("candidates", "generator", "surface", "after", "frame", "snapshot_id")
+    CANDIDATES_FIELD_NUMBER: _ClassVar[int]
+    GENERATOR_FIELD_NUMBER: _ClassVar[int]
+    SURFACE_FIELD_NUMBER: _ClassVar[int]
+    AFTER_FIELD_NUMBER: _ClassVar[int]
+    FRAME_FIELD_NUMBER: _ClassVar[int]
+    SNAPSHOT_ID_FIELD_NUMBER: _ClassVar[int]
+    candidates: CandidateList
+    generator: Generator
+    surface: Surface
+    after: _containers.RepeatedCompositeFieldContainer[Candidate]
+    frame: _poses_pb2.PoseFrame
+    snapshot_id: str
+    def __init__(self, candidates: _Optional[_Union[CandidateList, _Mapping]] = ..., generator: _Optional[_Union[Generator, _Mapping]] = ..., surface: _Optional[_Union[Surface, _Mapping]] = ..., after: _Optional[_Iterable[_Union[Candidate, _Mapping]]] = ..., frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., snapshot_id: _Optional[str] = ...) -> None: ...
+
+class FramePosition(_message.Message):
+    __slots__ = ("frame", "position")
+    FRAME_FIELD_NUMBER: _ClassVar[int]
+    POSITION_FIELD_NUMBER: _ClassVar[int]
+    frame: _poses_pb2.PoseFrame
+    position: _containers.RepeatedScalarFieldContainer[float]
+    def __init__(self, frame: _Optional[_Union[_poses_pb2.PoseFrame, str]] = ..., position: _Optional[_Iterable[float]] = ...) -> None: ...
+
+class GeodeticPosition(_message.Message):
+    __slots__ = ("latitude_deg", "longitude_deg", "altitude_m", "altitude_datum")
+    LATITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    LONGITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
+    ALTITUDE_M_FIELD_NUMBER: _ClassVar[int]
+    ALTITUDE_DATUM_FIELD_NUMBER: _ClassVar[int]
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+    altitude_datum: _poses_pb2.AltitudeDatum
+    def __init__(self, latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ...) -> None: ...
+
+class Position(_message.Message):
+    __slots__ = ("frame", "geodetic")
+    FRAME_FIELD_NUMBER: _ClassVar[int]
+    GEODETIC_FIELD_NUMBER: _ClassVar[int]
+    frame: FramePosition
+    geodetic: GeodeticPosition
+    def __init__(self, frame: _Optional[_Union[FramePosition, _Mapping]] = ..., geodetic: _Optional[_Union[GeodeticPosition, _Mapping]] = ...) -> None: ...
+
+class ForecastSample(_message.Message):
+    __slots__ = ("id", "pose", "position", "variance", "psnr_db", "low_db", "high_db")
+    ID_FIELD_NUMBER: _ClassVar[int]
+    POSE_FIELD_NUMBER: _ClassVar[int]
+    POSITION_FIELD_NUMBER: _ClassVar[int]
+    VARIANCE_FIELD_NUMBER: _ClassVar[int]
+    PSNR_DB_FIELD_NUMBER: _ClassVar[int]
+    LOW_DB_FIELD_NUMBER: _ClassVar[int]
+    HIGH_DB_FIELD_NUMBER: _ClassVar[int]
+    id: str
+    pose: _poses_pb2.Pose
+    position: Position
+    variance: float
+    psnr_db: float
+    low_db: float
+    high_db: float
+    def __init__(self, id: _Optional[str] = ..., pose: _Optional[_Union[_poses_pb2.Pose, _Mapping]] = ..., position: _Optional[_Union[Position, _Mapping]] = ..., variance: _Optional[float] = ..., psnr_db: _Optional[float] = ..., low_db: _Optional[float] = ..., high_db: _Optional[float] = ...) -> None: ...
+
+class Forecast(_message.Message):
+    __slots__ = ("scene_id", "snapshot_id", "calibrated", "samples", "alignment", "origin")
+    SCENE_ID_FIELD_NUMBER: _ClassVar[int]
+    SNAPSHOT_ID_FIELD_NUMBER: _ClassVar[int]
+    CALIBRATED_FIELD_NUMBER: _ClassVar[int]
+    SAMPLES_FIELD_NUMBER: _ClassVar[int]
+    ALIGNMENT_FIELD_NUMBER: _ClassVar[int]
+    ORIGIN_FIELD_NUMBER: _ClassVar[int]
+    scene_id: str
+    snapshot_id: str
+    calibrated: bool
+    samples: _containers.RepeatedCompositeFieldContainer[ForecastSample]
+    alignment: _poses_pb2.Alignment
+    origin: _poses_pb2.Origin
+    def __init__(self, scene_id: _Optional[str] = ..., snapshot_id: _Optional[str] = ..., calibrated: _Optional[bool] = ..., samples: _Optional[_Iterable[_Union[ForecastSample, _Mapping]]] = ..., alignment: _Optional[_Union[_poses_pb2.Alignment, _Mapping]] = ..., origin: _Optional[_Union[_poses_pb2.Origin, _Mapping]] = ...) -> None: ...
 
 class PlanSummary(_message.Message):
     __slots__ = ("id", "scene_id", "snapshot_id", "summary", "created_at")

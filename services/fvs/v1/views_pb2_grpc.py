@@ -76,6 +76,11 @@ class ViewServiceStub:
                 request_serializer=fvs_dot_v1_dot_views__pb2.PlanViewsRequest.SerializeToString,
                 response_deserializer=fvs_dot_v1_dot_views__pb2.Plan.FromString,
                 _registered_method=True)
+        self.ForecastViews = channel.unary_unary(
+                '/fvs.v1.ViewService/ForecastViews',
+                request_serializer=fvs_dot_v1_dot_views__pb2.ForecastViewsRequest.SerializeToString,
+                response_deserializer=fvs_dot_v1_dot_views__pb2.Forecast.FromString,
+                _registered_method=True)
         self.GetPlan = channel.unary_unary(
                 '/fvs.v1.ViewService/GetPlan',
                 request_serializer=fvs_dot_v1_dot_views__pb2.GetPlanRequest.SerializeToString,
@@ -173,6 +178,13 @@ class ViewServiceServicer:
 
     def PlanViews(self, request, context):
         """Plan which candidates to photograph next, in the order of a short flight; possible while a job runs.
+        """
+        context.set_code(grpc.StatusCode.UNIMPLEMENTED)
+        context.set_details('Method not implemented!')
+        raise NotImplementedError('Method not implemented!')
+
+    def ForecastViews(self, request, context):
+        """Say what the model does not know, at poses or over its surface; possible while a job runs. It is not stored.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')
@@ -277,6 +289,11 @@ def add_ViewServiceServicer_to_server(servicer, server):
                     servicer.PlanViews,
                     request_deserializer=fvs_dot_v1_dot_views__pb2.PlanViewsRequest.FromString,
                     response_serializer=fvs_dot_v1_dot_views__pb2.Plan.SerializeToString,
+            ),
+            'ForecastViews': grpc.unary_unary_rpc_method_handler(
+                    servicer.ForecastViews,
+                    request_deserializer=fvs_dot_v1_dot_views__pb2.ForecastViewsRequest.FromString,
+                    response_serializer=fvs_dot_v1_dot_views__pb2.Forecast.SerializeToString,
             ),
             'GetPlan': grpc.unary_unary_rpc_method_handler(
                     servicer.GetPlan,
@@ -536,6 +553,33 @@ class ViewService:
             '/fvs.v1.ViewService/PlanViews',
             fvs_dot_v1_dot_views__pb2.PlanViewsRequest.SerializeToString,
             fvs_dot_v1_dot_views__pb2.Plan.FromString,
+            options,
+            channel_credentials,
+            insecure,
+            call_credentials,
+            compression,
+            wait_for_ready,
+            timeout,
+            metadata,
+            _registered_method=True)
+
+    @staticmethod
+    def ForecastViews(request,
+            target,
+            options=(),
+            channel_credentials=None,
+            call_credentials=None,
+            insecure=False,
+            compression=None,
+            wait_for_ready=None,
+            timeout=None,
+            metadata=None):
+        return grpc.experimental.unary_unary(
+            request,
+            target,
+            '/fvs.v1.ViewService/ForecastViews',
+            fvs_dot_v1_dot_views__pb2.ForecastViewsRequest.SerializeToString,
+            fvs_dot_v1_dot_views__pb2.Forecast.FromString,
             options,
             channel_credentials,
             insecure,

@@ -23,7 +23,7 @@ from fvs_service.plans import repository
 from fvs_service.plans.in_world import via
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings.in_model import require_volumes
-from fvs_service.rankings.port import PlanViews, SceneRunners, UpdateQuality
+from fvs_service.rankings.port import PlanViews, SceneRunners
 from fvs_service.rankings.pose_frames import poses_in
 from fvs_service.rankings.preparation import Begun, TakenPoses
 from fvs_service.rankings.snapshot_frames import SnapshotFrames, by_id
@@ -32,13 +32,10 @@ from fvs_service.rankings.warnings import warnings_of
 from fvs_service.scenes.lease import find_endpoint
 from fvs_service.scenes.poses import require_on_earth
 from fvs_service.scenes.repository import scene_head_of
-from fvs_service.snapshots.repository import first_snapshots
 from fvs_service.storage.clock import now
 from fvs_service.storage.database import Database, Reader
 from fvs_service.storage.idempotency import IdempotencyKey
 
-_MOST_UPDATES = 50
-"""The first snapshots of a scene that calibrate the forecast."""
 _MOST_TERMS = 200
 
 ReadRequest: TypeAlias = Callable[[], PlanRequest]
@@ -126,7 +123,7 @@ class Plans:
         with self._database.querying() as reader:
             scene = scene_head_of(reader, principal, scene_id)
             request = read()
-            require_volumes(request)
+            require_volumes(request.generator, request.no_fly)
             remembered = IdempotencyKey(principal.tenant_id, key, f"plans.create {scene_id}", request)
             earlier = _earlier(reader, principal, remembered)
             if earlier is not None:
@@ -134,7 +131,17 @@ class Plans:
             endpoint = find_endpoint(reader, scene_id)
             taken_poses = self._taken_poses(reader, scene_id, request.for_vehicle)
         self._require_room()
-        return Begun.of(self._frames, principal, request, scene, endpoint, taken_poses, timeout_s, remembered)
+        return Begun.of(
+            self._frames,
+            principal,
+            request,
+            scene,
+            endpoint,
+            taken_poses,
+            request.terrain,
+            timeout_s,
+            remembered,
+        )
 
     def _prepare(
         self, begun: Begun[PlanRequest], found: Mapping[str, RigidTransform] | None, spent_s: float
@@ -177,7 +184,7 @@ class Plans:
             distance=None if request.distance_m is None else request.distance_m / scale,
             home=request.home,
             scale=scale,
-            updates=self._updates(begun.scene.id),
+            updates=self._frames.updates(begun.scene.id),
         )
         return _Prepared(begun, poses, photographed, ground, model_request)
 
@@ -196,19 +203,6 @@ class Plans:
             data = {"plan_id": plan.id, "snapshot_id": plan.snapshot_id}
             publish(session, plan.scene_id, EventKind.PLAN_CREATED, data)
         return plan
-
-    def _updates(self, scene_id: str) -> tuple[UpdateQuality, ...]:
-        """The images that each snapshot of a scene added, and the quality that it measured on them."""
-        with self._database.reading() as session:
-            snapshots = first_snapshots(session, scene_id, _MOST_UPDATES)
-        known: set[str] = set()
-        found = []
-        for snapshot in snapshots:
-            images = [view.image for view in self._frames.cameras(snapshot.id).views]
-            new = tuple(image for image in images if image not in known)
-            found.append(UpdateQuality(images=new, psnr_db=snapshot.metrics.new_images_psnr_db))
-            known.update(new)
-        return tuple(found)
 
 
 def _earlier(reader: Reader, principal: Principal, key: IdempotencyKey) -> Plan | None:

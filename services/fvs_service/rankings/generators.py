@@ -61,8 +61,8 @@ def _grid(grid: Grid, scene: SceneGeometry) -> Candidates:
     heights = (scene.centres - scene.centre) @ scene.up
     height = float(heights.max()) if grid.height_m is None else grid.height_m
     middle = scene.centre @ scene.level
-    x = _spread(scene.lower[0], scene.upper[0], grid.columns)
-    y = _spread(scene.lower[1], scene.upper[1], grid.rows)
+    x = _spread(scene.lower[0] - grid.margin_m, scene.upper[0] + grid.margin_m, grid.columns)
+    y = _spread(scene.lower[1] - grid.margin_m, scene.upper[1] + grid.margin_m, grid.rows)
     level = np.array([[across, along, middle[2] + height] for along in y for across in x])
     positions = level @ scene.level.T
     if grid.look == "centre":

@@ -10,10 +10,8 @@ from fvs_engine.geometry import PinholeCamera
 from fvs_engine.plan.volumes import AnyVolume, Volume
 from fvs_engine.records import first_error
 from fvs_schema import volumes
-from fvs_schema.candidates import InVolume
+from fvs_schema.candidates import Generator, InVolume
 from fvs_schema.mistakes import field_errors, summary
-from fvs_schema.plans import PlanRequest
-from fvs_schema.rankings import RankingRequest
 from fvs_service.errors import InvalidRequestError
 from fvs_service.rankings.port import Clearance, ViewsInVolume
 from fvs_service.scenes.poses import WorldFrame
@@ -21,11 +19,10 @@ from fvs_service.scenes.poses import WorldFrame
 _VOLUME: TypeAdapter[AnyVolume] = TypeAdapter(Volume)
 
 
-def require_volumes(request: RankingRequest | PlanRequest) -> None:
+def require_volumes(generator: Generator | None, no_fly: Sequence[volumes.Volume] = ()) -> None:
     """Raise ``InvalidRequestError`` where the numbers of a volume in a request make none."""
-    generator = request.generator
     given = [("generator.volume", generator.volume)] if isinstance(generator, InVolume) else []
-    for path, volume in (*given, *((f"no_fly.{number}", zone) for number, zone in enumerate(request.no_fly))):
+    for path, volume in (*given, *((f"no_fly.{number}", zone) for number, zone in enumerate(no_fly))):
         try:
             _of_engine(volume)
         except ValidationError as error:

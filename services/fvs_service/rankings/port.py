@@ -11,7 +11,7 @@ from pydantic import Field
 
 from fvs_engine.candidates import CandidateScore, RankedCandidate
 from fvs_engine.geometry import PinholeCamera
-from fvs_engine.plan.plan_records import Plan
+from fvs_engine.plan.plan_records import Expectation, Plan
 from fvs_engine.plan.volumes import Volume
 from fvs_engine.records import Record
 from fvs_engine.views import PinholeView
@@ -159,6 +159,30 @@ class PlanViews(ModelRequest):
     updates: tuple[UpdateQuality, ...] = ()
 
 
+class ForecastViews(ModelRequest):
+    """Forecast ``views``, named by candidate id, or at most ``surface`` places of the surface (None: views).
+
+    ``after`` are views that count as visited, ``updates`` as in ``PlanViews``.
+    """
+
+    kind: Literal["forecast"] = "forecast"
+    views: PackedViews = ()
+    surface: int | None = None
+    after: PackedViews = ()
+    updates: tuple[UpdateQuality, ...] = ()
+
+
+class ViewForecasts(Record):
+    """What to expect of each view, and the ``places`` in the model frame where they are of the surface.
+
+    Without calibration no view has a forecast of its PSNR.
+    """
+
+    calibrated: bool
+    views: tuple[Expectation, ...]
+    places: tuple[tuple[float, float, float], ...] = ()
+
+
 class SceneRunners(Protocol):
     """The runners of all scenes: finds the one that has a scene's lease, or has a worker start one.
 
@@ -189,6 +213,10 @@ class SceneRunners(Protocol):
 
     async def plan(self, request: PlanViews) -> Plan:
         """Plan a flight; nothing is rendered."""
+        ...
+
+    async def forecast(self, request: ForecastViews) -> ViewForecasts:
+        """Forecast views in the order of the request, or places of the surface; nothing is rendered."""
         ...
 
     async def close(self) -> None:

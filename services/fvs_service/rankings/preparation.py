@@ -15,11 +15,12 @@ from fvs_engine.geometry import PinholeCamera, RigidTransform
 from fvs_engine.geometry.ground import GroundCheck
 from fvs_engine.snapshot_cameras import usual_camera
 from fvs_schema.candidates import CandidateStatus, InVolume
+from fvs_schema.forecasts import ForecastRequest
 from fvs_schema.plans import PlanRequest
 from fvs_schema.poses import FramePose, VehiclePose
 from fvs_schema.rankings import RankingRequest
 from fvs_schema.snapshots import Snapshot
-from fvs_schema.terrain import Terrain
+from fvs_schema.terrain import AnyTerrain, Terrain
 from fvs_service.principal import Principal
 from fvs_service.rankings.in_model import clearance, views_in_volume
 from fvs_service.rankings.port import Clearance, GenerateViews, RankViews, SceneRunners
@@ -34,7 +35,7 @@ from fvs_service.storage.idempotency import IdempotencyKey
 
 TakenPoses: TypeAlias = Callable[[Reader, str, str | None], Sequence[FramePose | VehiclePose]]
 """The poses in a scene that are taken for a vehicle, or for one without a name."""
-RequestT = TypeVar("RequestT", RankingRequest, PlanRequest)
+RequestT = TypeVar("RequestT", RankingRequest, PlanRequest, ForecastRequest)
 
 
 @dataclass(frozen=True)
@@ -59,7 +60,7 @@ class PreparedRanking:
 
 @dataclass(frozen=True)
 class Begun(Generic[RequestT]):
-    """A ranking or a plan before its candidates are known.
+    """A ranking, a plan or a forecast before its candidates are known.
 
     ``taken`` are world_from_camera of views that count as visited, by names that no candidate has.
     """
@@ -86,6 +87,7 @@ class Begun(Generic[RequestT]):
         scene: SceneHead,
         endpoint: str | None,
         taken_poses: Sequence[FramePose | VehiclePose],
+        terrain: AnyTerrain | None,
         timeout_s: float,
         remembered: IdempotencyKey,
     ) -> Self:
@@ -111,7 +113,7 @@ class Begun(Generic[RequestT]):
             geometry=frames.geometry(snapshot.id),
             camera=usual_camera(frames.cameras(snapshot.id)),
             taken=taken_cameras(frame, taken_poses),
-            terrain=frames.terrain(request.terrain, snapshot.id, frame),
+            terrain=frames.terrain(terrain, snapshot.id, frame),
             timeout_s=timeout_s,
             remembered=remembered,
         )
@@ -119,7 +121,10 @@ class Begun(Generic[RequestT]):
     @cached_property
     def clearance(self) -> Clearance:
         """Where vehicles may be, in the model frame; raises ``InvalidRequestError`` as ``generated``."""
-        return clearance(self.request.safety_m, self.request.no_fly, self.frame)
+        request = self.request
+        if isinstance(request, ForecastRequest):
+            return Clearance()
+        return clearance(request.safety_m, request.no_fly, self.frame)
 
     async def generated(self, runners: SceneRunners) -> tuple[Mapping[str, RigidTransform], float]:
         """Candidates in the request's volume (id → world_from_camera), and the seconds that they took.

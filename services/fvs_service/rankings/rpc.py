@@ -1,4 +1,4 @@
-"""Rankings, plans and missions over gRPC."""
+"""Rankings, plans, forecasts and missions over gRPC."""
 
 from collections.abc import AsyncIterator, Callable
 from contextlib import aclosing
@@ -9,6 +9,7 @@ from fvs.v1 import views_pb2 as pb
 from google.protobuf.message import Message
 
 from fvs_schema.base import Model, Page
+from fvs_schema.forecasts import Forecast, ForecastRequest
 from fvs_schema.missions import MissionFile, MissionOptions, MissionRequest, PlanMissionOptions
 from fvs_schema.plans import Plan, PlanList, PlanRequest
 from fvs_schema.rankings import Ranking, RankingList, RankingPart, RankingRequest
@@ -104,6 +105,16 @@ class ViewServicer:
             return await self._app.plans.create(
                 caller, request.scene_id, wanted, call.timeout_s(), idempotency_key(request)
             )
+
+    async def forecast_views(
+        self, call: Call, caller: Principal, request: pb.ForecastViewsRequest
+    ) -> Forecast:
+        """Say what the model does not know."""
+        wanted = await self._unread(
+            call, caller, request.scene_id, ForecastRequest, request.forecast, Scope.READ
+        )
+        with call.gateway.metrics.rankings_open.track_inprogress():
+            return await self._app.forecasts.create(caller, request.scene_id, wanted, call.timeout_s())
 
     def list_plans(self, caller: Principal, request: pb.ListPlansRequest) -> PlanList:
         """List the plans of a scene."""

@@ -151,7 +151,7 @@ class Rankings:
         with self._database.querying() as reader:
             scene = scene_head_of(reader, principal, scene_id)
             request = read()
-            require_volumes(request)
+            require_volumes(request.generator, request.no_fly)
             remembered = IdempotencyKey(principal.tenant_id, key, f"rankings.create {scene_id}", request)
             earlier = self._earlier(reader, principal, remembered)
             if earlier is not None:
@@ -160,7 +160,15 @@ class Rankings:
             taken_poses = self._taken_poses(reader, scene_id, request.for_vehicle)
         self._require_room()
         begun = BegunRanking.of(
-            self._frames, principal, request, scene, endpoint, taken_poses, timeout_s, remembered
+            self._frames,
+            principal,
+            request,
+            scene,
+            endpoint,
+            taken_poses,
+            request.terrain,
+            timeout_s,
+            remembered,
         )
         request, generator = begun.request, begun.request.generator
         if isinstance(generator, InVolume):

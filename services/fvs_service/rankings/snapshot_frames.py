@@ -16,16 +16,19 @@ from fvs_schema.terrain import AnyTerrain, Terrain
 from fvs_service.errors import InvalidRequestError, NoSnapshotError, NotFoundError
 from fvs_service.principal import Principal
 from fvs_service.rankings.generators import FromImages, generate
+from fvs_service.rankings.port import UpdateQuality
 from fvs_service.rankings.scene_geometry import SceneGeometry
 from fvs_service.rankings.under_ground import require_datum
 from fvs_service.scenes.poses import WorldFrame, require_on_earth
 from fvs_service.scenes.repository import SceneHead
-from fvs_service.snapshots.repository import find_snapshot, snapshot_of
+from fvs_service.snapshots.repository import find_snapshot, first_snapshots, snapshot_of
 from fvs_service.snapshots.service import Snapshots
 from fvs_service.storage.database import Database
 
 _CACHED_SNAPSHOTS = 64
 _CACHED_TERRAINS = 8
+_MOST_UPDATES = 50
+"""The first snapshots of a scene that calibrate the forecast."""
 
 
 class SnapshotFrames:
@@ -104,6 +107,19 @@ class SnapshotFrames:
                 errors=[FieldError("terrain", "the model has too few points")],
             )
         return found
+
+    def updates(self, scene_id: str) -> tuple[UpdateQuality, ...]:
+        """The images that each snapshot of a scene added, and the quality that it measured on them."""
+        with self._database.reading() as session:
+            snapshots = first_snapshots(session, scene_id, _MOST_UPDATES)
+        known: set[str] = set()
+        found = []
+        for snapshot in snapshots:
+            images = [view.image for view in self.cameras(snapshot.id).views]
+            new = tuple(image for image in images if image not in known)
+            found.append(UpdateQuality(images=new, psnr_db=snapshot.metrics.new_images_psnr_db))
+            known.update(new)
+        return tuple(found)
 
     def candidates(
         self,

@@ -4,6 +4,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
 from fvs_engine.geometry import (
     PinholeCamera,
@@ -17,14 +18,19 @@ from fvs_engine.geometry.geodetic import (
     attitude_of,
     camera_at,
     enu_from_geodetic,
+    geodetic_coordinates,
     geodetic_from_enu,
 )
 from fvs_engine.views import PinholeView, View
+from fvs_schema.forecasts import FramePosition
+from fvs_schema.forecasts import GeodeticPosition as GeodeticPlace
 from fvs_schema.mistakes import InvalidInput
 from fvs_schema.poses import FramePose, PoseFrame, VehiclePose
 from fvs_schema.quantities import MAX_COORDINATE_M
 from fvs_schema.scenes import Alignment, AlignmentStatus, Origin
 from fvs_service.errors import InvalidRequestError
+
+Array = NDArray[np.float64]
 
 
 class WorldFrame:
@@ -81,6 +87,26 @@ class WorldFrame:
             case "geodetic":
                 origin = self.require_origin()
                 return tuple(_vehicle_pose(camera, origin) for camera in world_from_cameras)
+
+    def positions(self, places: Array, frame: PoseFrame) -> tuple[FramePosition | GeodeticPlace, ...]:
+        """Places [N, 3] of the model frame as positions in ``frame``; raises as ``require_origin``."""
+        if frame == "model":
+            return tuple(FramePosition(frame=frame, position=place) for place in places.tolist())
+        in_world = self.world_from_model.apply(places)
+        if frame == "world":
+            return tuple(FramePosition(frame=frame, position=place) for place in in_world.tolist())
+        origin = self.require_origin()
+        return tuple(
+            GeodeticPlace(
+                latitude_deg=latitude,
+                longitude_deg=longitude,
+                altitude_m=altitude,
+                altitude_datum=origin.altitude_datum,
+            )
+            for latitude, longitude, altitude in geodetic_coordinates(
+                in_world, geodetic_origin(origin)
+            ).tolist()
+        )
 
     def views(
         self, world_from_cameras: Mapping[str, RigidTransform], camera: PinholeCamera

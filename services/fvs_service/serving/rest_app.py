@@ -14,6 +14,7 @@ from fvs_service.application import MakeRunners, open_application
 from fvs_service.console.page import console_router
 from fvs_service.events import rest as events
 from fvs_service.events.feed import EventFeed
+from fvs_service.forecasts import rest as forecasts
 from fvs_service.gateway.drain import Drain
 from fvs_service.gateway.loop_lag import LoopLag
 from fvs_service.gateway.refusals import Refusals
@@ -60,6 +61,7 @@ _RESOURCES = (
     events,
     rankings,
     plans,
+    forecasts,
     visits,
     missions,
     snapshots,

@@ -22,6 +22,7 @@ from fvs_service.principal import Principal
 
 from fvs_schema.base import Page
 from fvs_schema.control_points import ControlPoints
+from fvs_schema.forecasts import ForecastRequest
 from fvs_schema.images import DigestCheck
 from fvs_schema.jobs import JobPage, JobRequest
 from fvs_schema.missions import MissionOptions, MissionRequest, PlanMissionOptions
@@ -248,6 +249,12 @@ OPERATIONS: dict[str, Operation] = {
             who, call.scene_id, lambda: call.body, 60.0, call.idempotency_key
         ),
         ("plan", PlanRequest),
+    ),
+    "ForecastViews": Operation(
+        "POST",
+        "/v1/scenes/{scene_id}/forecasts",
+        lambda app, who, call: app.forecasts.create(who, call.scene_id, lambda: call.body, 60.0),
+        ("forecast", ForecastRequest),
     ),
     "ListPlans": Operation(
         "GET",

@@ -39,6 +39,27 @@ def test_the_interval_holds_what_it_says():
     assert held / 400 == pytest.approx(COVERAGE, abs=0.08)
 
 
+def test_the_interval_of_a_single_view_holds_what_it_says():
+    """A view deviates from the line by 2 dB, and the line of chosen views is off by another 2 dB."""
+    held = 0
+    for seed in range(400):
+        draw = np.random.default_rng(seed)
+        seen = photographs(8, seed + 1_000)
+        truth = 33.0 - 24.0 * 0.35 + draw.normal(0.0, 2.0) + draw.normal(0.0, 2.0)
+        (found,) = PsnrForecast(seen).of_views(np.array([0.35]))
+        held += found.low_db <= truth <= found.high_db
+    assert held / 400 == pytest.approx(COVERAGE, abs=0.08)
+
+
+def test_single_views_have_the_expectation_of_the_mean_and_wider_intervals():
+    forecast = PsnrForecast(photographs(8, 3))
+    variances = np.array([0.2, 0.9])
+    for single, variance in zip(forecast.of_views(variances), variances.tolist(), strict=True):
+        mean = forecast.at(variance)
+        assert single.db == pytest.approx(mean.db)
+        assert single.high_db - single.low_db > mean.high_db - mean.low_db
+
+
 def test_the_interval_narrows_with_photographs_and_widens_away_from_them():
     def width(count: int, variance: float) -> float:
         found = PsnrForecast(photographs(count, 1)).at(variance)

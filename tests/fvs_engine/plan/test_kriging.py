@@ -31,6 +31,12 @@ def test_variances_are_those_of_a_gaussian_process():
     np.testing.assert_allclose(variances(targets, np.zeros((0, 6))), 1.0)
 
 
+def test_variances_of_many_poses_are_computed_in_parts(monkeypatch: pytest.MonkeyPatch):
+    targets, visited = points(23), points(4, seed=1)
+    monkeypatch.setattr(kriging, "_AT_ONCE", 20)
+    np.testing.assert_allclose(variances(targets, visited), by_hand(targets, visited), atol=1e-12)
+
+
 def test_a_masked_view_is_an_observation_of_as_many_pixels_as_count():
     targets, visited = points(7), points(3, seed=1)
     camera = PinholeCamera(8, 4, 8.0, 8.0, 4.0, 2.0)

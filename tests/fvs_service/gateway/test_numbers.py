@@ -70,7 +70,7 @@ REQUESTS: Mapping[str, list[dict[str, Any]]] = {
             },
         },
         {**FULL, "generator": {"kind": "grid", "columns": 1, "rows": 1, "height_m": 4.0, "look": "down"}},
-        {**FULL, "generator": {"kind": "grid", "columns": 1, "rows": 1, "height_m": 4.0}},
+        {**FULL, "generator": {"kind": "grid", "columns": 1, "rows": 1, "height_m": 4.0, "margin_m": 1.0}},
         {**FULL, "generator": {"kind": "around-current", "count": 2}},
         *(
             {
@@ -110,6 +110,14 @@ REQUESTS: Mapping[str, list[dict[str, Any]]] = {
             "generator": {"kind": "in-volume", "volume": VOLUMES[0], "count": 2, "aim": [0.0, 0.0, 0.0]},
             **{"safety_m": 3.0, "no_fly": [ZONE]},
         },
+    ],
+    "/v1/scenes/{scene_id}/forecasts": [
+        {
+            "candidates": [{"id": "a", "pose": FRAME}, {"id": "b", "pose": VEHICLE}],
+            "after": [{"id": "a", "pose": FRAME}, {"id": "b", "pose": VEHICLE}],
+        },
+        {"generator": {"kind": "grid", "columns": 1, "rows": 1, "height_m": 9.0, "margin_m": 1.0}},
+        {"surface": {"count": 2}},
     ],
     "/v1/scenes/{scene_id}/missions": [
         {

@@ -16,12 +16,14 @@ from fvs_client._sync.webhooks import SceneWebhooks
 from fvs_client.answers import mission_file
 from fvs_client.models.missions import MissionFile, MissionSettings, mission_options
 from fvs_client.models.resources import SceneData
-from fvs_schema.candidates import Candidate, Generator
+from fvs_client.models.views import candidates_of, mission_of
+from fvs_schema.candidates import Candidate, Generator, PlanGenerator
 from fvs_schema.control_points import ControlPoints
 from fvs_schema.events import Event
+from fvs_schema.forecasts import Forecast, ForecastRequest, Surface
 from fvs_schema.images import Image
 from fvs_schema.jobs import JobKind
-from fvs_schema.missions import MissionFormat, MissionRequest, MissionView
+from fvs_schema.missions import MissionFormat, MissionRequest
 from fvs_schema.plans import PlanRequest, Stop, Tour
 from fvs_schema.poses import Pose, PoseFrame
 from fvs_schema.rankings import RankedCandidate, RankingRequest, ScoredCandidate
@@ -173,7 +175,7 @@ class Scene(Resource, SceneData):
         when the ranking takes longer than ``timeout_s``.
         """
         ranking = RankingRequest(
-            candidates=_candidates(candidates),
+            candidates=candidates_of(candidates),
             generator=generator,
             current_pose=current_pose,
             radius_m=radius_m,
@@ -225,9 +227,9 @@ class Scene(Resource, SceneData):
         flown.
         """
         plan = PlanRequest(
-            candidates=_candidates(candidates),
+            candidates=candidates_of(candidates),
             generator=generator,
-            targets=_candidates(targets),
+            targets=candidates_of(targets),
             views=views,
             distance_m=distance_m,
             home=home,
@@ -241,6 +243,32 @@ class Scene(Resource, SceneData):
         )
         request = requests.create_plan(self.id, plan, idempotency_key, timeout_s)
         return self._session.fetch(Plan, request)
+
+    def forecast(
+        self,
+        candidates: Mapping[str, Pose] | Iterable[Candidate] | None = None,
+        *,
+        generator: PlanGenerator | None = None,
+        surface: Surface | None = None,
+        after: Mapping[str, Pose] | Iterable[Candidate] | None = None,
+        frame: PoseFrame | None = None,
+        snapshot_id: str | None = None,
+        timeout_s: float | None = None,
+    ) -> Forecast:
+        """Get what the model does not know at ``candidates``, given as for ``rank``, or over its ``surface``.
+
+        ``after`` are views that count as photographed, such as the stops of a plan by id. Nothing is stored.
+        Raises ``NoSnapshotError`` when the scene has no model.
+        """
+        forecast = ForecastRequest(
+            candidates=candidates_of(candidates),
+            generator=generator,
+            surface=surface,
+            after=candidates_of(after) or (),
+            frame=frame,
+            snapshot_id=snapshot_id,
+        )
+        return self._session.fetch(Forecast, requests.create_forecast(self.id, forecast, timeout_s))
 
     def report_visits(
         self,
@@ -256,7 +284,7 @@ class Scene(Resource, SceneData):
         all current visits of the scene. Raises ``ConflictError`` when one of the views is taken already:
         none is reported then.
         """
-        listed = _candidates(views) or ()
+        listed = candidates_of(views) or ()
         report = VisitReport(vehicle=vehicle, state=state, views=listed, expires_in_s=expires_in_s)
         return (self._session.fetch(VisitList, requests.report_visits(self.id, report))).visits
 
@@ -281,7 +309,7 @@ class Scene(Resource, SceneData):
         georeferenced, or a view cannot be flown.
         """
         options = mission_options(format, settings)
-        mission = _mission(views, snapshot_id, terrain)
+        mission = mission_of(views, snapshot_id, terrain)
         return mission_file(self._session.response(requests.create_mission(self.id, mission, options)))
 
     def mission_of_images(
@@ -313,35 +341,6 @@ class Scene(Resource, SceneData):
         Resumes after a broken connection; no event is lost or repeated.
         """
         return follow(self._session, self.id, after)
-
-
-def _mission(
-    views: Tour | Mapping[str, Pose] | Iterable[Candidate | RankedCandidate | Stop],
-    snapshot_id: str | None,
-    terrain: AnyTerrain | None,
-) -> MissionRequest:
-    listed: Iterable[Candidate | RankedCandidate | Stop]
-    if isinstance(views, Tour):
-        listed, via_home = views.stops, views.via_home
-    else:
-        listed, via_home = _listed(views) if isinstance(views, Mapping) else views, ()
-    given = (
-        MissionView(id=item.id, pose=item.pose, via=item.via if isinstance(item, Stop) else ())
-        for item in listed
-    )
-    return MissionRequest(views=tuple(given), via_home=via_home, snapshot_id=snapshot_id, terrain=terrain)
-
-
-def _candidates(
-    given: Mapping[str, Pose] | Iterable[Candidate] | None,
-) -> tuple[Candidate, ...] | None:
-    if isinstance(given, Mapping):
-        return _listed(given)
-    return None if given is None else tuple(given)
-
-
-def _listed(poses: Mapping[str, Pose]) -> tuple[Candidate, ...]:
-    return tuple(Candidate(id=name, pose=pose) for name, pose in poses.items())
 
 
 class Scenes:

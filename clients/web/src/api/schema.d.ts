@@ -619,6 +619,29 @@ export interface paths {
         patch?: never;
         trace?: never;
     };
+    "/v1/scenes/{scene_id}/forecasts": {
+        parameters: {
+            query?: never;
+            header?: never;
+            path?: never;
+            cookie?: never;
+        };
+        get?: never;
+        put?: never;
+        /**
+         * Forecast Views
+         * @description Say what the model does not know, at poses or over its surface; possible while a job runs.
+         *
+         *     The kriging variance of each, and the PSNR to expect once three updates have measured their new images.
+         *     With `after`, as if those views had been photographed. Nothing is rendered or stored.
+         */
+        post: operations["forecast_views"];
+        delete?: never;
+        options?: never;
+        head?: never;
+        patch?: never;
+        trace?: never;
+    };
     "/v1/scenes/{scene_id}/visits": {
         parameters: {
             query?: never;
@@ -1569,6 +1592,104 @@ export interface components {
          */
         Finish: "return" | "hold";
         /**
+         * Forecast
+         * @description What is known of poses, or of the surface; it is not stored.
+         */
+        Forecast: {
+            /** @description The scene. */
+            scene_id: string;
+            /** @description The snapshot that it is made for. */
+            snapshot_id: string;
+            /** @description Whether three updates have measured their new images, so that samples have a PSNR. */
+            calibrated: boolean;
+            /** @description One for each candidate, in their order, or for each place. */
+            samples: components["schemas"]["ForecastSample"][];
+            /** @description The alignment of the model with the world. */
+            alignment: components["schemas"]["Alignment"];
+            /** @description The ENU origin that geodetic poses refer to; null in scenes that are not georeferenced. */
+            origin: components["schemas"]["OriginOutput"] | null;
+        };
+        /**
+         * ForecastRequest
+         * @description What to forecast: `candidates`, those of a `generator`, or the `surface`; by default an orbit.
+         * @example {
+         *       "generator": {
+         *         "columns": 40,
+         *         "kind": "grid",
+         *         "look": "down",
+         *         "margin_m": 10,
+         *         "rows": 40
+         *       }
+         *     }
+         * @example {
+         *       "surface": {
+         *         "count": 5000
+         *       }
+         *     }
+         * @example {
+         *       "after": [
+         *         {
+         *           "id": "north",
+         *           "pose": {
+         *             "frame": "world",
+         *             "orientation_wxyz": [
+         *               1,
+         *               0,
+         *               0,
+         *               0
+         *             ],
+         *             "position": [
+         *               0,
+         *               0,
+         *               -3
+         *             ]
+         *           }
+         *         }
+         *       ],
+         *       "generator": {
+         *         "count": 48,
+         *         "kind": "orbit"
+         *       }
+         *     }
+         */
+        ForecastRequest: {
+            /** @description The poses to consider; either these or a `generator`. */
+            candidates?: components["schemas"]["Candidate"][] | null;
+            /** @description A rule that makes the candidates. */
+            generator?: (components["schemas"]["Orbit"] | components["schemas"]["Grid"] | components["schemas"]["Dataset"] | components["schemas"]["InVolume"]) | null;
+            /** @description The surface of the model, in place of candidates. */
+            surface?: components["schemas"]["Surface"] | null;
+            /** @description Views that count as photographed, such as the stops of a plan. */
+            after?: components["schemas"]["Candidate"][];
+            /** @description The frame of the poses and positions in the answer; by default as in a ranking. */
+            frame?: ("world" | "model" | "geodetic") | null;
+            /** @description The snapshot to forecast for; by default the newest. */
+            snapshot_id?: string | null;
+        };
+        /**
+         * ForecastSample
+         * @description How little is known of a view: at a candidate's `pose`, or of a place of the surface at `position`.
+         */
+        ForecastSample: {
+            /** @description The candidate's id; `surface-…` of a place. */
+            id: string;
+            /** @description The candidate's pose; null of a place. */
+            pose: (components["schemas"]["FramePoseOutput"] | components["schemas"]["VehiclePoseOutput"]) | null;
+            /** @description Where the place is; null of a candidate. */
+            position: components["schemas"]["FramePosition"] | components["schemas"]["GeodeticPosition"] | null;
+            /**
+             * @description The kriging variance, from 1 where no image is near to 0 among very many. Of a place it is that of a
+             *     view from the mean direction and the mean distance of the images that see it.
+             */
+            variance: number;
+            /** @description The PSNR to expect of a render of that view; null unless the forecast is `calibrated`. */
+            psnr_db: number | null;
+            /** @description With `high_db`: an interval that holds the PSNR of the view in four of five cases. */
+            low_db: number | null;
+            /** @description The upper end of that interval. */
+            high_db: number | null;
+        };
+        /**
          * FramePose
          * @description A camera's pose: frame_from_camera of an OpenCV camera (x right, y down, z forward).
          * @example {
@@ -1645,6 +1766,37 @@ export interface components {
             ];
         };
         /**
+         * FramePosition
+         * @description A position in the world or the model frame.
+         */
+        FramePosition: {
+            /**
+             * @description The frame of the position.
+             * @enum {string}
+             */
+            frame: "world" | "model" | "geodetic";
+            /** @description x, y, z. */
+            position: [
+                number,
+                number,
+                number
+            ];
+        };
+        /**
+         * GeodeticPosition
+         * @description A position on Earth.
+         */
+        GeodeticPosition: {
+            /** @description Geodetic latitude on WGS 84, north positive. */
+            latitude_deg: number;
+            /** @description Longitude, east positive. */
+            longitude_deg: number;
+            /** @description Altitude above `altitude_datum`. */
+            altitude_m: number;
+            /** @description That of the scene's altitudes. */
+            altitude_datum: components["schemas"]["AltitudeDatum"];
+        };
+        /**
          * Grid
          * @description Poses on a level grid above the model, looking straight down or at its middle.
          */
@@ -1660,6 +1812,8 @@ export interface components {
             rows?: number;
             /** @description Height above the middle of the model; by default that of the highest image. */
             height_m?: number | null;
+            /** @description How far the grid reaches beyond the model's points on each side. Default: `0.0`. */
+            margin_m?: number;
             /**
              * @description Straight down, or at the middle of the model. Default: `centre`.
              * @enum {string}
@@ -1682,6 +1836,8 @@ export interface components {
             rows: number;
             /** @description Height above the middle of the model; by default that of the highest image. */
             height_m: number | null;
+            /** @description How far the grid reaches beyond the model's points on each side. Default: `0.0`. */
+            margin_m: number;
             /**
              * @description Straight down, or at the middle of the model. Default: `centre`.
              * @enum {string}
@@ -3476,6 +3632,14 @@ export interface components {
              *     orientation of the stop.
              */
             via: (components["schemas"]["FramePoseOutput"] | components["schemas"]["VehiclePoseOutput"])[];
+        };
+        /**
+         * Surface
+         * @description Places of the surface, spread evenly over the sparse points.
+         */
+        Surface: {
+            /** @description How many places, at most. Default: `5000`. */
+            count?: number;
         };
         /**
          * Terrain
@@ -5812,6 +5976,54 @@ export interface operations {
                     [name: string]: unknown;
                 };
                 content?: never;
+            };
+            /** @description A problem document. */
+            "4XX": {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+            /** @description A problem document. */
+            "5XX": {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/problem+json": components["schemas"]["Problem"];
+                };
+            };
+        };
+    };
+    forecast_views: {
+        parameters: {
+            query?: never;
+            header?: {
+                /** @description How long the client waits for the answer; nothing is computed for longer. The capabilities have the maximum, which is also the default: `limits.ranking_timeout_s`. */
+                "X-Timeout-S"?: number;
+            };
+            path: {
+                /** @description The scene's id. */
+                scene_id: string;
+            };
+            cookie?: never;
+        };
+        requestBody: {
+            content: {
+                "application/json": components["schemas"]["ForecastRequest"];
+            };
+        };
+        responses: {
+            /** @description Successful Response */
+            200: {
+                headers: {
+                    [name: string]: unknown;
+                };
+                content: {
+                    "application/json": components["schemas"]["Forecast"];
+                };
             };
             /** @description A problem document. */
             "4XX": {

@@ -15,7 +15,7 @@ from fvs_service.settings import Settings
 from fvs_service.telemetry import Metrics
 
 _MAX_QUERY_FIELDS = 64
-_WITH_LISTS = ("/rankings", "/plans", "/missions", "/images:check", "/control-points")
+_WITH_LISTS = ("/rankings", "/plans", "/forecasts", "/missions", "/images:check", "/control-points")
 _WITHOUT_LISTS_BYTES = 65_536
 """Maximum size of JSON bodies on all other paths."""
 

@@ -33,6 +33,7 @@ TAGS = {
     "events": "What happens in a scene, as server-sent events.",
     "webhooks": "Where events of a scene are sent, signed and with retries.",
     "rankings": "Candidates in the order in which to photograph them, and renders of their views.",
+    "forecasts": "What a model does not know, at poses and over its surface.",
     "plans": "Which candidates to photograph in which order, by one vehicle or several.",
     "visits": "What vehicles do about views.",
     "missions": "Views as files for autopilots and ground stations.",

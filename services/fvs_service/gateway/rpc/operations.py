@@ -34,6 +34,7 @@ _WITH_LISTS = frozenset(
     {
         "CheckImages",
         "CreateMission",
+        "ForecastViews",
         "PlanViews",
         "RankViews",
         "SetControlPoints",

@@ -31,7 +31,7 @@ from fvs_service.errors import (
     ServiceError,
     UnavailableError,
 )
-from fvs_service.rankings.port import GenerateViews, PlanViews, RankViews, RenderView
+from fvs_service.rankings.port import ForecastViews, GenerateViews, PlanViews, RankViews, RenderView
 from fvs_service.settings import Settings
 
 
@@ -96,6 +96,7 @@ Request = Annotated[
     | RenderView
     | GenerateViews
     | PlanViews
+    | ForecastViews
     | RunJob
     | CancelJob
     | YieldScene

@@ -1,20 +1,32 @@
-"""Generates candidates and plans flights with the model of a snapshot."""
+"""Generates candidates, plans flights and forecasts views with the model of a snapshot."""
 
 from collections.abc import Sequence
 
 import numpy as np
 
+from fvs_engine.errors import InvalidInputError
 from fvs_engine.monitor import Monitor
 from fvs_engine.plan.clearance import FreeSpace
-from fvs_engine.plan.distances import view_points
+from fvs_engine.plan.distances import spread, view_points
+from fvs_engine.plan.familiarity import Observations
 from fvs_engine.plan.forecast import Seen
 from fvs_engine.plan.generate import Aim, candidates_in
 from fvs_engine.plan.kriging import noise_of, variances
+from fvs_engine.plan.outlook import Expectations
 from fvs_engine.plan.plan_records import Plan
+from fvs_engine.plan.surface import surface_of
 from fvs_engine.plan.tours import Budget
 from fvs_engine.scene.scene_model import SceneModel
 from fvs_engine.views import PinholeView
-from fvs_service.rankings.port import Clearance, GeneratedViews, GenerateViews, PlanViews, UpdateQuality
+from fvs_service.rankings.port import (
+    Clearance,
+    ForecastViews,
+    GeneratedViews,
+    GenerateViews,
+    PlanViews,
+    UpdateQuality,
+    ViewForecasts,
+)
 
 
 def generate_views(request: GenerateViews, model: SceneModel, monitor: Monitor) -> GeneratedViews:
@@ -48,6 +60,39 @@ def plan_views(request: PlanViews, model: SceneModel, monitor: Monitor) -> Plan:
         space=None if clearance is None else _space(clearance, model, monitor),
         monitor=monitor,
     )
+
+
+def forecast_views(request: ForecastViews, model: SceneModel, monitor: Monitor) -> ViewForecasts:
+    """Forecast views or the surface.
+
+    Equal poses have equal variances in all requests: the scale of distances is that of the model's views
+    alone. Raises ``InvalidInputError`` for a surface without points, and ``Cancelled``.
+    """
+    scale = spread(model.views) or spread(request.views)
+    places: tuple[tuple[float, float, float], ...] = ()
+    if request.surface is None:
+        points = view_points(request.views, scale)
+    else:
+        surface = surface_of(_observations(model), request.surface)
+        points, places = surface.view_points(scale), tuple(map(tuple, surface.places.tolist()))
+    monitor.check()
+    visited = (*model.views, *request.after)
+    found = variances(points, view_points(visited, scale), noise_of(visited))
+    seen = _seen(request.updates, {view.name: view for view in model.views}, scale)
+    expectations = Expectations(seen)
+    return ViewForecasts(
+        calibrated=expectations.calibrated, views=expectations.of_views(found), places=places
+    )
+
+
+def _observations(model: SceneModel) -> Observations:
+    found = model.observations
+    if found is None or not len(found.points):
+        raise InvalidInputError(
+            "The model has no sparse points, so its surface is unknown.",
+            hint="Ask for candidates or a generator instead.",
+        )
+    return found
 
 
 def _space(clearance: Clearance, model: SceneModel, monitor: Monitor) -> FreeSpace:

@@ -41,7 +41,7 @@ from fvs_service.host.protocol.messages import (
 from fvs_service.host.runner.gpu_memory import GpuMemory
 from fvs_service.host.runner.job_monitor import JobMonitor
 from fvs_service.host.runner.listener import Listener
-from fvs_service.host.runner.planning import generate_views, plan_views
+from fvs_service.host.runner.planning import forecast_views, generate_views, plan_views
 from fvs_service.host.runner.ranking import rank_views, render_view
 from fvs_service.host.runner.request_queue import Requester, RequesterGoneError, RequestQueue, Task
 from fvs_service.host.runner.scene_jobs import SceneJobs
@@ -49,6 +49,7 @@ from fvs_service.host.runner.snapshot_models import SnapshotModels
 from fvs_service.host.runner.video_frames import VideoFrames
 from fvs_service.images.files import with_original_names
 from fvs_service.rankings.port import (
+    ForecastViews,
     GenerateViews,
     ModelRequest,
     PlanViews,
@@ -161,6 +162,11 @@ class RunnerServer:
                 return self._ask(
                     connection, request, request.kind, len(request.views), partial(plan_views, request)
                 )[0]
+            case ForecastViews():
+                count = request.surface or len(request.views)
+                return self._ask(connection, request, request.kind, count, partial(forecast_views, request))[
+                    0
+                ]
             case RunJob():
                 return self._run_job(connection, request)
             case CancelJob():

@@ -22,6 +22,7 @@ from fvs_service.host.protocol.async_connection import AsyncConnections, exchang
 from fvs_service.host.protocol.connection import RunnerError, RunnerGoneError
 from fvs_service.host.protocol.messages import error_of
 from fvs_service.rankings.port import (
+    ForecastViews,
     GeneratedViews,
     GenerateViews,
     PlanViews,
@@ -29,6 +30,7 @@ from fvs_service.rankings.port import (
     RankingSteps,
     RankViews,
     RenderView,
+    ViewForecasts,
 )
 from fvs_service.storage.database import Database
 from fvs_service.storage.notifications import Topic, announce
@@ -45,7 +47,7 @@ _SMALL_BYTES = 16_384
 _SCORES = TypeAdapter(tuple[CandidateScore, ...])
 
 T = TypeVar("T")
-_Request: TypeAlias = RankViews | RenderView | GenerateViews | PlanViews
+_Request: TypeAlias = RankViews | RenderView | GenerateViews | PlanViews | ForecastViews
 
 
 class RunnerRequests:
@@ -127,6 +129,11 @@ class LeasedRunners:
         """See ``SceneRunners``."""
         with self._span(request, len(request.views)):
             return await self._ask(request, Plan.model_validate)
+
+    async def forecast(self, request: ForecastViews) -> ViewForecasts:
+        """See ``SceneRunners``."""
+        with self._span(request, request.surface or len(request.views)):
+            return await self._ask(request, ViewForecasts.model_validate)
 
     async def close(self) -> None:
         """See ``SceneRunners``."""
