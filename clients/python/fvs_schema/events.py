@@ -30,6 +30,8 @@ class EventKind(Word):
     RANKING_DELETED = "ranking.deleted"
     PLAN_CREATED = "plan.created"
     PLAN_DELETED = "plan.deleted"
+    VISITS_REPORTED = "visits.reported"
+    """A vehicle reported what it does about views."""
     EVENTS_DELETED = "events.deleted"
     """The stream lacks events: they and this number's were deleted by the retention."""
 

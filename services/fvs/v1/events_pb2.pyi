@@ -33,6 +33,7 @@ class EventKind(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     EVENT_KIND_RANKING_DELETED: _ClassVar[EventKind]
     EVENT_KIND_PLAN_CREATED: _ClassVar[EventKind]
     EVENT_KIND_PLAN_DELETED: _ClassVar[EventKind]
+    EVENT_KIND_VISITS_REPORTED: _ClassVar[EventKind]
     EVENT_KIND_EVENTS_DELETED: _ClassVar[EventKind]
 EVENT_KIND_UNSPECIFIED: EventKind
 EVENT_KIND_SCENE_CREATED: EventKind
@@ -55,6 +56,7 @@ EVENT_KIND_RANKING_CREATED: EventKind
 EVENT_KIND_RANKING_DELETED: EventKind
 EVENT_KIND_PLAN_CREATED: EventKind
 EVENT_KIND_PLAN_DELETED: EventKind
+EVENT_KIND_VISITS_REPORTED: EventKind
 EVENT_KIND_EVENTS_DELETED: EventKind
 
 class Event(_message.Message):

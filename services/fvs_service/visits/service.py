@@ -4,8 +4,10 @@ from collections.abc import Callable, Mapping
 from datetime import timedelta
 
 from fvs_engine.geometry import RigidTransform
+from fvs_schema.events import EventKind
 from fvs_schema.visits import Visit, VisitList, VisitReport, VisitState
 from fvs_service.errors import ConflictError, LimitExceededError
+from fvs_service.events.repository import publish
 from fvs_service.principal import Principal, Scope
 from fvs_service.rankings.scene_geometry import SceneGeometry
 from fvs_service.rankings.snapshot_frames import SnapshotFrames
@@ -52,6 +54,9 @@ class Visits:
                     hint="Report only the next views of each vehicle, or let them expire sooner.",
                 )
             put_visits(session, scene_id, _visits(report), replaced)
+            views = [view.id for view in report.views]
+            data = {"vehicle": report.vehicle, "state": report.state.value, "candidate_ids": views}
+            publish(session, scene_id, EventKind.VISITS_REPORTED, data)
             return VisitList(visits=visits_of(session, scene_id))
 
     def of_scene(self, principal: Principal, scene_id: str) -> VisitList:

@@ -4,6 +4,7 @@ from datetime import timedelta
 from typing import Any
 
 import pytest
+from fvs_service.events.repository import events_after
 from fvs_service.storage.clock import now
 from fvs_service.storage.tables import VisitRow
 from fvs_service.visits import repository, service
@@ -112,6 +113,16 @@ def test_two_vehicles_that_want_one_view_at_once_are_told(gateway: Any, scene: s
     assert [(visit["vehicle"], visit["candidate_id"]) for visit in listed] == [("north", "c0")]
     assert _report(gateway, scene, "north", "going-to", views[:1]).status_code == 200  # it repeats itself
     assert _report(gateway, scene, "south", "going-to", views[1:]).status_code == 200
+
+
+def test_a_report_is_an_event_and_a_refused_one_is_none(gateway: Any, scene: str) -> None:
+    views = _row(2)
+    _report(gateway, scene, "north", "going-to", views)
+    assert _report(gateway, scene, "south", "going-to", views).status_code == 409
+    with gateway.application.storage.database.reading() as session:
+        *_, before, event = events_after(session, scene, 0)
+    assert (before.kind.value, event.kind.value) == ("snapshot.created", "visits.reported")
+    assert event.data == {"vehicle": "north", "state": "going-to", "candidate_ids": ["c0", "c1"]}
 
 
 def test_reports_expire(gateway: Any, scene: str, monkeypatch: pytest.MonkeyPatch) -> None:
