@@ -1,30 +1,13 @@
-import { signal } from "@preact/signals";
 import { useEffect } from "preact/hooks";
 import { apiKey, keyRefusal } from "./api/key";
-import { api, data, type Schemas } from "./api/service";
 import { KeyDialog } from "./components/key-dialog";
 import { Notices } from "./components/notices";
 import { hrefOf, route } from "./router";
 import { ScenePage } from "./scene/scene-page";
 import { ScenesPage } from "./scenes/scenes-page";
-import { notify, report } from "./store/notices";
+import { capabilities, loadCapabilities } from "./store/capabilities";
 import { strings } from "./strings";
 import { toggleTheme } from "./theme";
-
-/** What the service can do; null until it has answered. */
-export const capabilities = signal<Schemas["Capabilities"] | null>(null);
-
-async function loadCapabilities(): Promise<void> {
-  try {
-    const got = await data(api.GET("/v1/capabilities"));
-    capabilities.value = got;
-    if (got.version !== __FVS_VERSION__) {
-      notify("warning", strings.otherVersion(got.version, __FVS_VERSION__), strings.otherVersionHint);
-    }
-  } catch (error) {
-    report(error);
-  }
-}
 
 /** The whole page: its header, what the route names, notices, and the dialog for the API key. */
 export function App() {

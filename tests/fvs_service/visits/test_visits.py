@@ -10,6 +10,8 @@ from fvs_service.storage.tables import VisitRow
 from fvs_service.visits import repository, service
 from sqlalchemy import func, select
 
+from fvs_schema.events import EventKind
+
 LOOK = {"frame": "world", "orientation_wxyz": [1.0, 0.0, 0.0, 0.0]}
 
 
@@ -120,8 +122,8 @@ def test_a_report_is_an_event_and_a_refused_one_is_none(gateway: Any, scene: str
     _report(gateway, scene, "north", "going-to", views)
     assert _report(gateway, scene, "south", "going-to", views).status_code == 409
     with gateway.application.storage.database.reading() as session:
-        *_, before, event = events_after(session, scene, 0)
-    assert (before.kind.value, event.kind.value) == ("snapshot.created", "visits.reported")
+        reports = [one for one in events_after(session, scene, 0) if one.kind is EventKind.VISITS_REPORTED]
+    (event,) = reports
     assert event.data == {"vehicle": "north", "state": "going-to", "candidate_ids": ["c0", "c1"]}
 
 

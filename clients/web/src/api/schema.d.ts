@@ -1561,7 +1561,7 @@ export interface components {
          * @description The kind of an event.
          * @enum {string}
          */
-        EventKind: "scene.created" | "scene.changed" | "scene.deleted" | "image.received" | "image.excluded" | "image.included" | "image.quarantined" | "image.deleted" | "job.queued" | "job.started" | "job.progress" | "job.succeeded" | "job.failed" | "job.canceled" | "snapshot.created" | "snapshot.deleted" | "ranking.created" | "ranking.deleted" | "plan.created" | "plan.deleted" | "events.deleted";
+        EventKind: "scene.created" | "scene.changed" | "scene.deleted" | "image.received" | "image.excluded" | "image.included" | "image.quarantined" | "image.deleted" | "job.queued" | "job.started" | "job.progress" | "job.succeeded" | "job.failed" | "job.canceled" | "snapshot.created" | "snapshot.deleted" | "ranking.created" | "ranking.deleted" | "plan.created" | "plan.deleted" | "visits.reported" | "events.deleted";
         /**
          * Expectation
          * @description The variance of the targets, and the PSNR to expect of their renders.
