@@ -17,12 +17,18 @@ export type Selection =
   | { kind: "candidate"; id: string }
   | { kind: "stop"; id: string };
 
+/** A place on the map. */
+export interface Place {
+  latitude_deg: number;
+  longitude_deg: number;
+}
+
 /** Something drawn on the map, at corners on Earth in order. */
 export interface Drawing {
   id: string;
   /** Candidates are made in an area or along a corridor; vehicles stay inside of a fence and out of no-fly zones. */
   use: "area" | "corridor" | "fence" | "no-fly";
-  corners: readonly { latitude_deg: number; longitude_deg: number }[];
+  corners: readonly Place[];
   /** How far a corridor reaches from its line. */
   radius_m: number;
   /** Heights above the scene's origin between which an area or a zone is. */
@@ -55,11 +61,15 @@ export class SceneStore {
   /** The ranking and the plan that are shown. */
   readonly ranking = signal<Schemas["Ranking"] | null>(null);
   readonly plan = signal<Schemas["Plan"] | null>(null);
+  /** What the shown snapshot does not know, while that is shown: at candidates, over the ground or on its surface. */
+  readonly forecast = signal<Schemas["Forecast"] | null>(null);
   /** The cameras of the shown snapshot; null while there is none. */
   readonly cameras = signal<SnapshotCameras | null>(null);
   readonly selection = signal<Selection | null>(null);
   /** Areas, corridors, fences and no-fly zones that were drawn on the map. */
   readonly drawings = signal<readonly Drawing[]>([]);
+  /** Gets the place of the next click on the map, in place of selecting what is there; null: nothing waits for one. */
+  readonly pick = signal<((place: Place) => void) | null>(null);
   /** The camera to look through in the 3D view; the view sets it to null when the operator moves on. */
   readonly lookThrough = signal<Camera | null>(null);
 
