@@ -105,5 +105,7 @@ def accepted_image(session: Session, principal: Principal, scene_id: str, digest
 
 
 def _publish(session: Session, image: Image, kind: EventKind) -> None:
-    data = image.model_dump(mode="json", include={"digest", "name", "reason", "finding"})
+    data = image.model_dump(
+        mode="json", include={"digest", "name", "registration", "reason", "hint", "finding"}
+    )
     publish(session, image.scene_id, kind, data, subject=image.digest)

@@ -138,7 +138,7 @@ class Images:
             image = image.model_copy(update={"video": video})
             repository.add_image(session, image, inspection.pixels_sha256, len(thumbnail or b""))
             self._set_origin(session, scene, image)
-            data = image.model_dump(mode="json", include={"digest", "name", "verdict", "reason", "warnings"})
+            data = image.model_dump(mode="json", exclude={"scene_id"})
             publish(session, scene_id, EventKind.IMAGE_RECEIVED, data, subject=image.digest)
             session.flush()
             if image.verdict is Verdict.VIDEO:

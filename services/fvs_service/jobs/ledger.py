@@ -61,7 +61,14 @@ class Ledger:
             reached = max(before.progress, min(1.0, progress))
             job = repository.change_running(session, job_id, stage=stage, progress=reached, eta_s=eta_s)
             if job is not None:
-                data = {"job_id": job_id, "stage": stage, "progress": reached, "eta_s": eta_s}
+                data = {
+                    "job_id": job_id,
+                    "kind": job.kind,
+                    "attempt": job.attempt,
+                    "stage": stage,
+                    "progress": reached,
+                    "eta_s": eta_s,
+                }
                 publish(session, lease.scene_id, EventKind.JOB_PROGRESS, data, subject=job_id)
 
     def warn(self, lease: Lease, job_id: str, warning: Notice) -> None:

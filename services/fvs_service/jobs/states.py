@@ -231,12 +231,11 @@ def _report(session: Session, row: JobRow, kind: EventKind) -> None:
     """Publish the event about a move, and log that a job waits or has ended."""
     job = to_job(row)
     about = {"job": job.id, "scene": job.scene_id, "kind": job.kind.value, "attempt": job.attempt}
-    data: dict[str, Any] = {"job_id": job.id, "attempt": job.attempt}
+    data: dict[str, Any] = {"job_id": job.id, "kind": job.kind.value, "attempt": job.attempt}
     if job.state is JobState.QUEUED:
-        data["kind"] = job.kind.value
         after_commit(session, lambda: _log.info("job queued", **about))  # with the id of the request
     elif job.state.ended:
-        data = {"job_id": job.id, "error": row.error, "snapshot_id": job.snapshot_id}
+        data |= {"error": row.error, "snapshot_id": job.snapshot_id, "warnings": row.warnings}
         delete_progress(session, job.id)
         ran_s = None
         if job.started_at is not None and job.finished_at is not None:

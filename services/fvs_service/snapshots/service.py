@@ -194,6 +194,7 @@ class Snapshots:
             data = {
                 "snapshot_id": snapshot.id,
                 "job_id": job.id,
+                "kind": job.kind.value,
                 "metrics": made.metrics.model_dump(mode="json"),
                 "alignment": made.alignment.model_dump(mode="json"),
             }

@@ -6,9 +6,11 @@ from collections.abc import Iterator
 from typing import Any
 
 import pytest
-from fvs_service.events.repository import last_number, skip_lost_numbers
+from fvs_service.events.repository import events_after, last_number, skip_lost_numbers
 from sqlalchemy.exc import OperationalError
 from sqlalchemy.orm import Session
+
+from fvs_schema.stages import Stage
 
 
 def _messages(lines: Iterator[str]) -> Iterator[dict[str, str]]:
@@ -50,6 +52,37 @@ def test_past_and_coming_events_arrive_in_order(server: Any) -> None:
     assert data[1]["data"]["job_id"] == job_id
     numbers = [int(message["id"]) for message in seen]
     assert numbers == sorted(numbers)
+
+
+def test_events_carry_what_a_page_shows(gateway: Any, photograph: Any) -> None:
+    scene = gateway.scene()
+    sent = gateway.put(scene, photograph(4), name="a.jpg", captured_at="2026-05-01T09:00:00Z").json()
+    digest = sent["digest"]
+    snapshot = gateway.model(scene)
+    job_id = gateway.queue(scene, "fine")
+    lease, ledger = gateway.lease(scene), gateway.application.storage.ledger
+    ledger.start(lease, job_id, 1)
+    ledger.report(lease, job_id, Stage.TRAINING, 0.5, 30.0)
+    with gateway.application.storage.database.reading() as session:
+        got = {event.kind.value: event.data for event in events_after(session, scene, 0)}
+    gateway.application.storage.leases.release(lease)
+    assert got["image.received"] == {name: sent[name] for name in sent.keys() - {"scene_id"}}
+    of_job = {"job_id": job_id, "kind": "fine", "attempt": 1}
+    assert got["job.queued"] == got["job.started"] == of_job
+    assert got["job.progress"] == {**of_job, "stage": "training", "progress": 0.5, "eta_s": 30.0}
+    made = gateway.client.get(f"/v1/snapshots/{snapshot}").json()
+    shown = {name: made[name] for name in ("job_id", "kind", "metrics", "alignment")}
+    assert got["snapshot.created"] == {"snapshot_id": snapshot, **shown}
+    ended = {"job_id": made["job_id"], "kind": "update", "attempt": 1, "error": None, "warnings": []}
+    assert got["job.succeeded"] == {**ended, "snapshot_id": snapshot}
+    changed = gateway.client.post(f"/v1/scenes/{scene}/images/{digest}:exclude")
+    assert changed.status_code == 200, changed.text
+    with gateway.application.storage.database.reading() as session:
+        excluded = events_after(session, scene, 0)[-1]
+    assert excluded.kind == "image.excluded"
+    assert excluded.data == {
+        name: changed.json()[name] for name in ("digest", "name", "registration", "reason", "hint", "finding")
+    }
 
 
 def test_a_starting_service_gives_new_events_numbers_that_no_lost_event_had(server: Any) -> None:
