@@ -31,6 +31,13 @@ export default defineConfig({
       },
     },
   },
-  server: { proxy: { "/v1": SERVICE, "/openapi.json": SERVICE, "/console/basemap.pmtiles": SERVICE } },
+  server: {
+    proxy: Object.fromEntries(
+      ["/v1", "/openapi.json", "/console/basemap.pmtiles"].map((path) => [
+        path,
+        { target: SERVICE, changeOrigin: true, headers: { Origin: SERVICE } }, // it refuses other origins
+      ]),
+    ),
+  },
   test: { environment: "happy-dom", include: ["src/**/*.test.ts", "src/**/*.test.tsx"] },
 });

@@ -14,6 +14,8 @@ export class ServiceError extends Error {
     readonly code: string,
     /** The HTTP status; 0 when there was no answer. */
     readonly status: number,
+    /** When to try again, in s; null when the service does not say. */
+    readonly retryAfterS: number | null = null,
   ) {
     super(message);
   }
@@ -21,11 +23,14 @@ export class ServiceError extends Error {
 
 /** The error that a response without success describes. */
 export async function errorOf(response: Response): Promise<ServiceError> {
+  const retryAfter = response.headers.get("Retry-After");
+  const retryAfterS = retryAfter !== null && /^\d+$/.test(retryAfter) ? Number(retryAfter) : null;
   const problem = (await response.json().catch(() => null)) as Problem | null;
   if (!problem?.detail) {
-    return new ServiceError(`The answer has status ${response.status}.`, "", "unknown", response.status);
+    const { status } = response;
+    return new ServiceError(`The answer has status ${status}.`, "", "unknown", status, retryAfterS);
   }
   const fields = (problem.errors ?? []).map((one) => `${one.field}: ${one.message}`).join("; ");
   const message = fields ? `${problem.detail} ${fields}` : problem.detail;
-  return new ServiceError(message, problem.hint, problem.code, response.status);
+  return new ServiceError(message, problem.hint, problem.code, response.status, retryAfterS);
 }

@@ -78,7 +78,7 @@ export function DeleteScene({ scene, details, onDone, onClose }: ChangeProps & {
     >
       <p>{texts.loses}</p>
       <ul>
-        <li>{texts.photographs(formatCount(scene.image_counts.received))}</li>
+        <li>{texts.photographs(scene.image_counts.received, formatCount(scene.image_counts.received))}</li>
         {scene.snapshot_id !== null && <li>{texts.models}</li>}
         {details.size && <li>{texts.size(formatBytes(details.size.total_bytes))}</li>}
         {details.job && <li>{texts.job}</li>}

@@ -46,7 +46,8 @@ export const en = {
   deletion: {
     title: (name: string) => `Delete “${name}”?`,
     loses: "This deletes, for good:",
-    photographs: (n: string) => `${n} photographs, originals included`,
+    photographs: (n: number, count: string) =>
+      n === 1 ? "1 photograph, the original included" : `${count} photographs, originals included`,
     models: "all its models, rankings and plans",
     size: (size: string) => `${size} on the service’s disk`,
     job: "the job that is open; it ends",

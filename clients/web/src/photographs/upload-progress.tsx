@@ -1,0 +1,106 @@
+import { useState } from "preact/hooks";
+import { ServiceError } from "../api/problem";
+import { ConfirmDialog } from "../components/confirm-dialog";
+import { formatBytes, formatCount, formatDuration, formatPercent } from "../components/format";
+import { strings } from "../strings";
+import type { Upload, UploadQueue } from "./upload-queue";
+
+const texts = strings.photographs.upload;
+const SHOWN = 8;
+
+/** How far the files of a scene are sent: in all, each that is on its way, and those that failed. */
+export function UploadProgress({ queue }: { queue: UploadQueue }) {
+  const [asking, setAsking] = useState(false);
+  const uploads = queue.uploads.value;
+  if (uploads.length === 0) return null;
+  const { files, open, done, failed, bytes, sentBytes } = queue.totals.value;
+  const share = bytes > 0 ? sentBytes / bytes : 1;
+  const moving = uploads.filter((one) => ["checking", "sending", "pausing"].includes(one.state));
+  const failures = uploads.filter((one) => one.state === "failed");
+  const title = open > 0 ? texts.title : failed > 0 ? texts.doneWithFailures(failed) : texts.done;
+  return (
+    <section class="uploads" aria-label={texts.title}>
+      <div class="head">
+        <strong class={failed > 0 && open === 0 ? "error grow" : "grow"}>{title}</strong>
+        {failed > 0 && (
+          <button type="button" onClick={() => queue.retryFailed()}>
+            {texts.retry}
+          </button>
+        )}
+        {open > 0 ? (
+          <button type="button" onClick={() => setAsking(true)}>
+            {texts.cancel}
+          </button>
+        ) : (
+          <button type="button" onClick={() => queue.clear()}>
+            {texts.clear}
+          </button>
+        )}
+      </div>
+      {open > 0 && <progress value={share} max={1} aria-label={texts.title} />}
+      <p class="small tabular">
+        {[
+          texts.files(formatCount(done), formatCount(files)),
+          texts.bytes(formatBytes(sentBytes), formatBytes(bytes)),
+          ...(open > 0 ? speedOf(queue, bytes - sentBytes) : outcomeOf(uploads)),
+        ].join(" · ")}
+      </p>
+      <ul>
+        {[...moving, ...failures].slice(0, SHOWN).map((one) => (
+          <UploadLine key={one.id} upload={one} />
+        ))}
+      </ul>
+      {asking && (
+        <ConfirmDialog
+          title={texts.cancelTitle}
+          action={texts.cancel}
+          onConfirm={async () => queue.cancel()}
+          onClose={() => setAsking(false)}
+        >
+          <p>{texts.cancelText}</p>
+        </ConfirmDialog>
+      )}
+    </section>
+  );
+}
+
+function UploadLine({ upload }: { upload: Upload }) {
+  const { problem, state, file } = upload;
+  const message = problem instanceof ServiceError ? problem.message : texts.unreadable;
+  const hint = problem instanceof ServiceError ? problem.hint : texts.unreadableHint;
+  return (
+    <li class="small">
+      <span class="name">{file.name}</span>
+      <span class={state === "failed" ? "error" : "muted"}>{progressOf(upload)}</span>
+      {problem && (
+        <span class="problem">
+          {message} <span class="hint">{hint}</span>
+        </span>
+      )}
+    </li>
+  );
+}
+
+function progressOf({ state, sentBytes, file }: Upload): string {
+  if (state !== "sending") return texts.states[state];
+  return sentBytes < file.size ? formatPercent(sentBytes / file.size) : texts.states.arrived;
+}
+
+function speedOf(queue: UploadQueue, bytesLeft: number): string[] {
+  const { bytes, files } = queue.speed.value;
+  return [
+    ...(files ? [texts.perMinute(formatCount(Math.round(files * 60)))] : []),
+    ...(bytes ? [texts.left(formatDuration(bytesLeft / bytes))] : []),
+  ];
+}
+
+function outcomeOf(uploads: readonly Upload[]): string[] {
+  const known = uploads.filter((one) => one.state === "known").length;
+  const rejected = uploads.filter(
+    (one) => one.judgement && !["accepted", "video"].includes(one.judgement.verdict),
+  ).length;
+  return [
+    ...(known ? [texts.known(formatCount(known))] : []),
+    ...(rejected ? [texts.rejected(formatCount(rejected))] : []),
+  ];
+}

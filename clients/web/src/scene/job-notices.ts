@@ -1,0 +1,36 @@
+import { effect } from "@preact/signals";
+import type { Schemas } from "../api/service";
+import { notify } from "../store/notices";
+import type { SceneStore } from "../store/scene";
+import { strings } from "../strings";
+
+const OPEN = new Set<Schemas["JobState"]>(["queued", "running"]);
+
+/** The jobs that were open and have ended since. */
+export function ended(
+  before: ReadonlyMap<string, Schemas["JobState"]>,
+  jobs: readonly Schemas["Job"][],
+): readonly Schemas["Job"][] {
+  return jobs.filter((job) => {
+    const state = before.get(job.id);
+    return state !== undefined && OPEN.has(state) && !OPEN.has(job.state);
+  });
+}
+
+/** Tell of jobs that end while the page is open; returns what ends that. */
+export function noticeJobs(store: SceneStore): () => void {
+  let before = new Map<string, Schemas["JobState"]>();
+  return effect(() => {
+    const jobs = store.jobs.value;
+    for (const job of ended(before, jobs)) tell(job, store.scene.peek()?.name ?? "");
+    before = new Map(jobs.map((job) => [job.id, job.state]));
+  });
+}
+
+function tell(job: Schemas["Job"], scene: string): void {
+  const kind = strings.work.kinds[job.kind];
+  if (job.state === "succeeded") notify("success", strings.title.succeeded(kind, scene));
+  if (job.state === "failed" && job.error) {
+    notify("error", strings.title.failed(kind, scene, job.error.message), job.error.hint);
+  }
+}

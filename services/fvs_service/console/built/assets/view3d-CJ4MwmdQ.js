@@ -1,1 +1,0 @@
-import{t as e}from"./preact-DSDa4Jmd.js";function t({store:t}){return e(`p`,{children:t.id})}export{t as View3d};
