@@ -5,6 +5,7 @@ import { strings } from "../strings";
 interface ServiceImageProps {
   /** Its path on the service. */
   path: string;
+  /** What it shows; empty when the text beside it says so. */
   alt: string;
   class?: string;
 }
@@ -34,8 +35,7 @@ export function ServiceImage({ path, alt, class: className }: ServiceImageProps)
   return (
     <canvas
       ref={canvas}
-      role="img"
-      aria-label={alt}
+      {...(alt ? { role: "img" as const, "aria-label": alt } : { "aria-hidden": true })}
       class={`image ${className ?? ""}`}
       width={4}
       height={3}

@@ -32,10 +32,12 @@ export function countsOf(images: readonly Image[]): Record<Filter, number> {
   return counts;
 }
 
-/** The images that a filter shows and whose names contain a text, in any case. */
+const ORDER = new Intl.Collator("en", { numeric: true });
+
+/** The images that a filter shows and whose names contain a text, in any case; by name, numbers by value. */
 export function filtered(images: readonly Image[], filter: Filter, text: string): readonly Image[] {
   const wanted = text.trim().toLocaleLowerCase();
-  return images.filter(
-    (image) => MATCHES[filter](image) && (!wanted || image.name.toLocaleLowerCase().includes(wanted)),
-  );
+  return images
+    .filter((image) => MATCHES[filter](image) && (!wanted || image.name.toLocaleLowerCase().includes(wanted)))
+    .sort((one, other) => ORDER.compare(one.name, other.name));
 }

@@ -26,6 +26,11 @@ export function ImageState({ image }: { image: Schemas["Image"] }) {
   return <span class={`badge ${tone}`}>{stateOf(image)}</span>;
 }
 
+/** The path of the original of an accepted image. */
+export function originalOf(image: Schemas["Image"]): string {
+  return `/v1/scenes/${image.scene_id}/images/${image.digest}/content`;
+}
+
 /** The path of an image's thumbnail; null when the service keeps none. */
 export function thumbnailOf(image: Schemas["Image"]): string | null {
   if (image.verdict !== "accepted") return null;

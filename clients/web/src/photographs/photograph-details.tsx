@@ -1,12 +1,14 @@
+import { Fragment } from "preact";
 import { useState } from "preact/hooks";
 import { api, type Schemas } from "../api/service";
 import { ConfirmDialog } from "../components/confirm-dialog";
+import { Dialog } from "../components/dialog";
 import { download } from "../components/download";
 import { formatBytes, formatDate } from "../components/format";
 import { ServiceImage } from "../components/service-image";
 import { report } from "../store/notices";
 import { strings } from "../strings";
-import { ImageState, remarkOf, thumbnailOf } from "./image-state";
+import { ImageState, originalOf, remarkOf, thumbnailOf } from "./image-state";
 
 type Image = Schemas["Image"];
 const texts = strings.photographs.details;
@@ -20,6 +22,7 @@ interface DetailsProps {
 
 /** What the service knows of a photograph, and what can be done with it. */
 export function PhotographDetails({ image, onStep, onClose }: DetailsProps) {
+  const [large, setLarge] = useState(false);
   const thumbnail = thumbnailOf(image);
   return (
     <section class="photograph-details" aria-label={image.name}>
@@ -36,10 +39,29 @@ export function PhotographDetails({ image, onStep, onClose }: DetailsProps) {
         </button>
       </div>
       <div class="body">
-        {thumbnail && <ServiceImage path={thumbnail} alt={image.name} class="photograph" />}
+        {thumbnail && (
+          <button
+            type="button"
+            class="quiet enlarge"
+            aria-label={texts.enlarge}
+            onClick={() => setLarge(true)}
+          >
+            <ServiceImage path={thumbnail} alt="" class="photograph" />
+          </button>
+        )}
         <Facts image={image} />
       </div>
       <Actions image={image} />
+      {large && (
+        <Dialog title={image.name} wide onClose={() => setLarge(false)}>
+          <ServiceImage path={originalOf(image)} alt={image.name} class="original" />
+          <p class="actions">
+            <button type="button" onClick={() => setLarge(false)}>
+              {strings.components.close}
+            </button>
+          </p>
+        </Dialog>
+      )}
     </section>
   );
 }
@@ -67,10 +89,10 @@ function Facts({ image }: { image: Image }) {
         </>
       )}
       {rows.map(([name, value]) => (
-        <>
-          <dt key={name}>{name}</dt>
+        <Fragment key={name}>
+          <dt>{name}</dt>
           <dd>{value}</dd>
-        </>
+        </Fragment>
       ))}
     </dl>
   );
@@ -142,9 +164,7 @@ function Actions({ image }: { image: Image }) {
           <button
             type="button"
             disabled={busy}
-            onClick={() =>
-              act(() => download(`/v1/scenes/${image.scene_id}/images/${image.digest}/content`, image.name))
-            }
+            onClick={() => act(() => download(originalOf(image), image.name))}
           >
             {texts.download}
           </button>

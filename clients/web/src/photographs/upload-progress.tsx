@@ -49,6 +49,9 @@ export function UploadProgress({ queue }: { queue: UploadQueue }) {
         {[...moving, ...failures].slice(0, SHOWN).map((one) => (
           <UploadLine key={one.id} upload={one} />
         ))}
+        {moving.length + failures.length > SHOWN && (
+          <li class="small muted">{texts.more(moving.length + failures.length - SHOWN)}</li>
+        )}
       </ul>
       {asking && (
         <ConfirmDialog

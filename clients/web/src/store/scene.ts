@@ -4,6 +4,7 @@ import { type SceneEvent, sceneEvents } from "../api/events";
 import { ServiceError } from "../api/problem";
 import { all, api, data, type Schemas } from "../api/service";
 import { type Camera, Frames } from "../geometry/frames";
+import { afterEvents } from "./images";
 import { report } from "./notices";
 import { throttled } from "./throttle";
 
@@ -98,6 +99,8 @@ export class SceneStore {
   private readonly stopLoadingCameras: () => void;
   private readonly stale = new Set<"scene" | "images" | "snapshots" | "rankings" | "plans" | "visits">();
   private readonly staleJobs = new Set<string>();
+  /** Events of images that came since their list was asked for; null while it is not. */
+  private imageEvents: SceneEvent[] | null = null;
   private readonly refresh = throttled(() => this.reload(), REFRESH_MS);
 
   constructor(readonly id: string) {
@@ -155,6 +158,7 @@ export class SceneStore {
   private apply(event: SceneEvent): void {
     const [noun] = event.kind.split(".");
     if (event.kind === "scene.deleted") {
+      this.failure.value = new ServiceError("", "", "not-found", 404);
       this.connection.value = "ended";
       return;
     }
@@ -165,8 +169,10 @@ export class SceneStore {
     if (noun === "job") {
       this.applyToJob(event);
       if (event.kind !== "job.progress") this.stale.add("images");
-    } else if (noun === "image") this.stale.add("images");
-    else if (noun === "snapshot") this.stale.add("snapshots").add("images");
+    } else if (noun === "image") {
+      this.imageEvents?.push(event);
+      this.images.value = afterEvents(this.images.value, [event]);
+    } else if (noun === "snapshot") this.stale.add("snapshots").add("images");
     else if (noun === "ranking") this.stale.add("rankings");
     else if (noun === "plan") this.stale.add("plans");
     else if (noun === "visits") this.stale.add("visits");
@@ -205,9 +211,13 @@ export class SceneStore {
         this.scene.value = await data(api.GET("/v1/scenes/{scene_id}", { params: { path } }));
       },
       images: async () => {
-        this.images.value = await all((after) =>
+        const meanwhile: SceneEvent[] = [];
+        this.imageEvents = meanwhile;
+        const images = await all((after) =>
           data(api.GET("/v1/scenes/{scene_id}/images", { params: { path, query: query(after) } })),
         );
+        this.images.value = afterEvents(images, meanwhile);
+        this.imageEvents = null;
       },
       snapshots: async () => {
         this.snapshots.value = await all((after) =>

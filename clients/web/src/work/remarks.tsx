@@ -1,12 +1,13 @@
 import { useState } from "preact/hooks";
 import type { Schemas } from "../api/service";
+import { go, route } from "../router";
 import type { SceneProps } from "../scene/scene-page";
 import { strings } from "../strings";
 
 const texts = strings.work;
 const SHOWN = 4;
 
-/** What limits the use of a job's result; the images that it is about select themselves. */
+/** What limits the use of a job's result; the images that it is about lead to their details. */
 export function Remarks({ remarks, store }: SceneProps & { remarks: readonly Schemas["Notice"][] }) {
   if (remarks.length === 0) return null;
   return (
@@ -41,6 +42,7 @@ function Images({ digests, store }: SceneProps & { digests: readonly string[] })
           aria-label={texts.image(image.name)}
           onClick={() => {
             store.selection.value = { kind: "image", digest: image.digest };
+            if (route.value.page === "scene") go({ ...route.value, panel: "photographs" });
           }}
         >
           {image.name}
