@@ -54,6 +54,7 @@ export const en = {
       failed: "a vehicle failed",
     },
     rank: "rank, first to last",
+    forecast: { variance: "variance", dB: "expected PSNR in dB" },
     vehicle: (number: number) => `vehicle ${number}`,
     grid: (spacing: number, metres: boolean) =>
       `grid: ${Number(spacing.toPrecision(2))}${metres ? " m" : " units of the model"}`,
@@ -93,6 +94,23 @@ export const en = {
   },
   contextLost: "The graphics card was taken away from this page. Lines and points are still drawn.",
   snapshotDeleted: "The shown model was deleted; the newest is shown.",
+  compare: {
+    label: "Two models from the same place",
+    left: "Left",
+    right: "Right",
+    pose: "Seen from",
+    ofView: "the 3D view",
+    slider: "How much of the left model is shown",
+    tooFew: "There is nothing to compare yet: this scene needs two models.",
+    nowhere: "Both models need photographs in common, to be seen from the same place.",
+    snapshot: (time: string, kind: string, photographs: string) =>
+      `${time}, ${kind}, ${photographs} photographs`,
+    quality: {
+      ofHeldOut: (level: string) => `PSNR ${level}`,
+      ofNewImages: (level: string) => `PSNR of new photographs ${level}`,
+    },
+    gaussians: (count: string) => `${count} Gaussians`,
+  },
   card: {
     label: "What is selected",
     lookThrough: "Look through it",

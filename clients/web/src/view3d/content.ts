@@ -44,12 +44,6 @@ export interface Route {
   stops: { number: number; position: Triple }[];
 }
 
-/** A place with how little is known of it: the colour's value from 0 (least known) to 1. */
-export interface Sample {
-  position: Triple;
-  value: number;
-}
-
 /** What the view shows besides splat and points, in the frame of the shown model. */
 export interface Content {
   intrinsics: PinholeIntrinsics;
@@ -192,8 +186,8 @@ function priorCamera(
   return { position: frames.modelFromWorld([prior.x_m, prior.y_m, prior.z_m]), orientation: null };
 }
 
-/** Poses of rankings and plans of another snapshot come through the world, which they share. */
-function placedBy(
+/** The cameras of poses in the shown model; those of another snapshot come through the world, which both share. */
+export function placedBy(
   owner: { snapshot_id: string; alignment: Schemas["Alignment"]; origin: Schemas["OriginOutput"] | null },
   store: SceneStore,
   frames: Frames,

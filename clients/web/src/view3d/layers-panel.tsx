@@ -9,8 +9,7 @@ export function LayersPanel({ state }: { state: ViewState }) {
   return (
     <details class="view3d-panel">
       <summary>{texts.layers}</summary>
-      <fieldset>
-        <legend class="visually-hidden">{texts.layers}</legend>
+      <fieldset aria-label={texts.layers}>
         {LAYERS.map((layer) => (
           <label key={layer} class="check">
             <input

@@ -3,6 +3,7 @@ import type { SceneStore } from "../store/scene";
 import { strings } from "../strings";
 import { theme } from "../theme";
 import { contentOf } from "./content";
+import { forecastOf } from "./forecast";
 import type { ViewState } from "./view-state";
 import type { Viewer } from "./viewer";
 
@@ -13,6 +14,7 @@ const STEPS = 12;
 export function Legend({ store, state, viewer }: { store: SceneStore; state: ViewState; viewer: Viewer }) {
   const shown = state.shown.value;
   const { markers, routes, metres } = contentOf(store);
+  const forecast = forecastOf(store);
   const kinds = new Set(markers.filter((one) => shown.has(one.layer)).map((one) => one.paint.kind));
   const plain = (["registered", "unregistered", "unranked", "going-to", "taken", "failed"] as const).filter(
     (kind) => kinds.has(kind),
@@ -35,13 +37,19 @@ export function Legend({ store, state, viewer }: { store: SceneStore; state: Vie
             <span class={`swatch vehicle-${((route.vehicle - 1) % 6) + 1}`} /> {texts.vehicle(route.vehicle)}
           </li>
         ))}
-      {shown.has("grid") && <li>{texts.grid(viewer.gridSpacing * (metres ?? 1), metres !== null)}</li>}
+      {forecast && shown.has("forecast") && (
+        <li>
+          {texts.forecast[forecast.unit]} {forecast.ends[0].toPrecision(3)} <ColourBar />{" "}
+          {forecast.ends[1].toPrecision(3)}
+        </li>
+      )}
+      {shown.has("grid") && <li>{texts.grid(viewer.stage.gridSpacing * (metres ?? 1), metres !== null)}</li>}
     </ul>
   );
 }
 
 /** The colour map from its first value to its last. */
-export function ColourBar() {
+function ColourBar() {
   const now = theme.value;
   return (
     <span class="colour-bar">

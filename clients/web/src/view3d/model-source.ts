@@ -4,7 +4,7 @@ import { bytes } from "../api/service";
 import type { Camera } from "../geometry/frames";
 import { strings } from "../strings";
 import { type Points, parsePoints } from "./ply";
-import { type ServiceRender, ServiceRenders } from "./service-renders";
+import { ServiceRenders } from "./service-renders";
 import type { ViewState } from "./view-state";
 import type { WebglLayers } from "./webgl";
 
@@ -17,13 +17,13 @@ export function sentence(error: unknown): string {
 /** What the model of a snapshot looks like: its points, and its splat or the service's renders. */
 export class ModelSource {
   points: Points | null = null;
-  renders: ServiceRenders | null = null;
+  private renders: ServiceRenders | null = null;
   private aborter = new AbortController();
 
   constructor(
     private readonly state: ViewState,
     private readonly onChange: () => void,
-    private readonly onRender: (render: ServiceRender) => void,
+    private readonly onRender: (bitmap: ImageBitmap) => void,
   ) {}
 
   /** Load the points of a snapshot; those of the one before stay until they are there. */
@@ -60,10 +60,11 @@ export class ModelSource {
     this.state.model.value = { kind: "service", latencyMs: null };
     const renders = new ServiceRenders(
       snapshotId,
-      (render) => {
-        if (this.renders !== renders) return render.bitmap.close();
-        this.state.model.value = { kind: "service", latencyMs: renders.latencyMs };
-        this.onRender(render);
+      (bitmap) => {
+        if (this.renders === renders) {
+          this.state.model.value = { kind: "service", latencyMs: renders.latencyMs };
+          this.onRender(bitmap);
+        } else bitmap.close();
       },
       (error) => {
         if (this.renders === renders)
@@ -73,6 +74,7 @@ export class ModelSource {
     this.renders = renders;
   }
 
+  /** Let the service, if it renders, render another camera. */
   request(camera: Camera, moving: boolean, longSide: number): void {
     this.renders?.request(camera, moving, Math.round(longSide));
   }

@@ -1,9 +1,10 @@
 import type { Triple } from "../api/artifacts";
 import { conjugate, cross, minus, rotate } from "../geometry/vectors";
 import { strings } from "../strings";
-import type { Content, Layer, Marker } from "./content";
+import type { Content, Layer } from "./content";
+import type { Sample } from "./forecast";
 import { type Lens, project } from "./lens";
-import { edgesOf, type Segment } from "./lines";
+import type { Segment } from "./lines";
 import type { Palette } from "./palette";
 import type { Points } from "./ply";
 import type { Viewpoint } from "./viewpoint";
@@ -20,24 +21,22 @@ export interface OverlayFrame {
   height: number;
   palette: Palette;
   shown: ReadonlySet<Layer>;
-  /** Lines and points, where WebGL does not draw them; else null. */
-  flat: { strokes: readonly { layer: Layer; strokes: readonly Strokes[] }[]; points: Points | null } | null;
+  /** What WebGL would draw; null where it does. */
+  flat: {
+    strokes: readonly { layer: Layer; strokes: readonly Strokes[] }[];
+    points: Points | null;
+    samples: readonly Sample[];
+    highlighted: readonly Segment[];
+  } | null;
   /** Whether the view is that of a camera, whose image has a frame. */
   framed: boolean;
-  highlighted: readonly { marker: Marker; size: number }[];
 }
 
 /** Draw what lies over the splat: numbers of stops, the frame of a camera's image, directions, and all where WebGL is missing. */
 export function drawOverlay(context: CanvasRenderingContext2D, frame: OverlayFrame): void {
   const { width, height, palette, lens, view, content, shown } = frame;
   context.clearRect(0, 0, width, height);
-  if (frame.flat) {
-    if (frame.flat.points && shown.has("points")) drawPoints(context, frame.flat.points, frame);
-    for (const { layer, strokes } of frame.flat.strokes)
-      if (shown.has(layer)) for (const one of strokes) stroke(context, one.segments, one.colour, 1.5, frame);
-    for (const { marker, size } of frame.highlighted)
-      stroke(context, edgesOf(marker, content.intrinsics, size), palette.accent, 3, frame);
-  }
+  if (frame.flat) drawFlat(context, frame, frame.flat);
   if (frame.framed) drawFrame(context, frame);
   if (shown.has("route")) {
     context.font = "600 13px system-ui, sans-serif";
@@ -58,6 +57,34 @@ export function drawOverlay(context: CanvasRenderingContext2D, frame: OverlayFra
     }
   }
   drawDirections(context, frame);
+}
+
+function drawFlat(
+  context: CanvasRenderingContext2D,
+  frame: OverlayFrame,
+  { strokes, points, samples, highlighted }: NonNullable<OverlayFrame["flat"]>,
+): void {
+  const { shown, view, lens, palette } = frame;
+  if (points && shown.has("points")) drawPoints(context, points, frame);
+  if (shown.has("forecast")) {
+    for (const sample of samples) {
+      const place = project(sample.position, view, lens);
+      if (place) dab(context, place, palette.ofValue(sample.value), 3);
+    }
+  }
+  for (const { layer, strokes: lines } of strokes)
+    if (shown.has(layer)) for (const one of lines) stroke(context, one.segments, one.colour, 1.5, frame);
+  stroke(context, highlighted, palette.accent, 3, frame);
+}
+
+function dab(
+  context: CanvasRenderingContext2D,
+  [x, y]: readonly [number, number, number],
+  colour: string,
+  radius: number,
+): void {
+  context.fillStyle = colour;
+  context.fillRect(x - radius, y - radius, 2 * radius, 2 * radius);
 }
 
 function badge(
@@ -103,9 +130,7 @@ function drawPoints(context: CanvasRenderingContext2D, points: Points, { view, l
   for (let point = 0; point < points.count; point += step) {
     const at = point * 3;
     const place = project([...positions.subarray(at, at + 3)] as Triple, view, lens);
-    if (!place) continue;
-    context.fillStyle = `rgb(${colours[at]} ${colours[at + 1]} ${colours[at + 2]})`;
-    context.fillRect(place[0] - 1, place[1] - 1, 2, 2);
+    if (place) dab(context, place, `rgb(${colours[at]} ${colours[at + 1]} ${colours[at + 2]})`, 1);
   }
 }
 

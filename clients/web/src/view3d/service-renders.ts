@@ -3,12 +3,6 @@ import type { Camera } from "../geometry/frames";
 
 const DRAG_LONG_SIDE_PX = 320;
 
-/** A render of the service, and the camera that it is from. */
-export interface ServiceRender {
-  bitmap: ImageBitmap;
-  camera: Camera;
-}
-
 /**
  * Renders of a snapshot by the service, for computers that cannot draw splats.
  *
@@ -23,7 +17,7 @@ export class ServiceRenders {
 
   constructor(
     private readonly snapshotId: string,
-    private readonly onRender: (render: ServiceRender) => void,
+    private readonly onRender: (bitmap: ImageBitmap) => void,
     private readonly onFailure: (error: unknown) => void,
   ) {}
 
@@ -51,7 +45,7 @@ export class ServiceRenders {
       try {
         const bitmap = await renderOf(this.snapshotId, camera, longSide, aborter.signal);
         if (small) this.latencyMs = performance.now() - began;
-        this.onRender({ bitmap, camera });
+        this.onRender(bitmap);
       } catch (error) {
         if (!aborter.signal.aborted) {
           this.wanted = null;

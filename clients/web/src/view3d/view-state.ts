@@ -1,5 +1,5 @@
 import { computed, signal } from "@preact/signals";
-import type { Quaternion, Triple } from "../api/artifacts";
+import type { Quaternion, SnapshotCameras, Triple } from "../api/artifacts";
 import type { Frames } from "../geometry/frames";
 import { conjugate, multiply } from "../geometry/vectors";
 import { LAYERS, type Layer, type Marker } from "./content";
@@ -22,9 +22,17 @@ const SLOW_FRAME_MS = 150;
 const SOURCE = "fvs-splat-source";
 const HIDDEN = "fvs-hidden-layers";
 
+/** The viewpoint when the 3D view of a scene was left. */
+export interface LastView {
+  view: Viewpoint;
+  cameras: SnapshotCameras | null;
+}
+
 /** What is chosen in the 3D view of any scene; it stays while the stage changes. */
 export class ViewState {
   readonly gl = detectGl();
+  /** By scene. */
+  readonly last = new Map<string, LastView>();
   readonly source = signal<Source>((localStorage.getItem(SOURCE) as Source | null) ?? "auto");
   /** How long a frame with the splat took here; null before it was measured. */
   readonly frameMs = signal<number | null>(null);
@@ -55,6 +63,14 @@ export class ViewState {
     localStorage.setItem(HIDDEN, JSON.stringify([...hidden]));
     this.hidden.value = hidden;
   }
+}
+
+let state: ViewState | null = null;
+
+/** The state of this page. */
+export function viewState(): ViewState {
+  state ??= new ViewState();
+  return state;
 }
 
 /** A viewpoint with a name, in the world frame, which outlives models. */

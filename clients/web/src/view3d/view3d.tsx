@@ -8,29 +8,27 @@ import { strings } from "../strings";
 import { KeysDialog } from "./keys-dialog";
 import { LayersPanel } from "./layers-panel";
 import { Legend } from "./legend";
-import { ViewState } from "./view-state";
+import { type ViewState, viewState } from "./view-state";
 import { Viewer } from "./viewer";
 import { ViewpointsPanel } from "./viewpoints-panel";
 import "./view3d.css";
 
 const texts = strings.view3d;
-let state: ViewState | null = null;
 
 /** The scene in three dimensions: its splat with cameras, candidates and routes. */
 export function View3d({ store }: SceneProps) {
-  state ??= new ViewState();
-  const viewState = state;
+  const state = viewState();
   const host = useRef<HTMLDivElement>(null);
   const [viewer, setViewer] = useState<Viewer | null>(null);
   const [help, setHelp] = useState(false);
   useEffect(() => {
     if (!host.current) return undefined;
-    const made = new Viewer(host.current, store, viewState);
+    const made = new Viewer(host.current, store, state);
     setViewer(made);
     return () => made.dispose();
   }, [store]);
   useDeletedSnapshot(store);
-  const hovered = viewState.hovered.value;
+  const hovered = state.hovered.value;
   return (
     <div class="view3d">
       {/* biome-ignore lint/a11y/noNoninteractiveTabindex: the keys of an application move its view */}
@@ -58,13 +56,13 @@ export function View3d({ store }: SceneProps) {
               {texts.help}
             </button>
             <ViewpointsPanel store={store} viewer={viewer} />
-            <LayersPanel state={viewState} />
+            <LayersPanel state={state} />
           </div>
-          <Legend store={store} state={viewState} viewer={viewer} />
+          <Legend store={store} state={state} viewer={viewer} />
         </>
       )}
       <Emptiness store={store} />
-      <ModelStatus state={viewState} />
+      <ModelStatus state={state} />
       {hovered && (
         <div class="view3d-label" style={{ left: `${hovered.at[0] + 14}px`, top: `${hovered.at[1] + 14}px` }}>
           {hovered.marker.label}

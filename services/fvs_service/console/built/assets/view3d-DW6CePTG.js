@@ -1,1 +1,0 @@
-import{t as e}from"./preact-C6CKoq5q.js";function t({store:t}){return e(`p`,{children:t.id})}export{t as View3d};
