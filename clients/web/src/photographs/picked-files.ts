@@ -42,9 +42,13 @@ export function chosen(list: FileList): Picked {
 
 /** The files that were dropped, those in folders included. */
 export async function dropped(transfer: DataTransfer): Promise<Picked> {
-  const entries = [...transfer.items].map((item) => item.webkitGetAsEntry()); // before the event ends
+  const items = [...transfer.items].filter((item) => item.kind === "file");
+  const dragged = items.map((item) => item.webkitGetAsEntry() ?? item.getAsFile()); // before the event ends
   const found: { path: string; file: File }[] = [];
-  for (const entry of entries) if (entry) await collect(entry, found);
+  for (const one of dragged) {
+    if (one instanceof File) found.push({ path: one.name, file: one });
+    else if (one) await collect(one, found);
+  }
   return picked(found);
 }
 

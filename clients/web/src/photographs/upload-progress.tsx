@@ -17,6 +17,10 @@ export function UploadProgress({ queue }: { queue: UploadQueue }) {
   const share = bytes > 0 ? sentBytes / bytes : 1;
   const moving = uploads.filter((one) => ["checking", "sending", "pausing"].includes(one.state));
   const failures = uploads.filter((one) => one.state === "failed");
+  const known = uploads.filter((one) => one.state === "known").length;
+  const rejected = uploads.filter(
+    (one) => one.judgement && !["accepted", "video"].includes(one.judgement.verdict),
+  ).length;
   const title = open > 0 ? texts.title : failed > 0 ? texts.doneWithFailures(failed) : texts.done;
   return (
     <section class="uploads" aria-label={texts.title}>
@@ -42,8 +46,10 @@ export function UploadProgress({ queue }: { queue: UploadQueue }) {
         {[
           texts.files(formatCount(done), formatCount(files)),
           texts.bytes(formatBytes(sentBytes), formatBytes(bytes)),
-          ...(open > 0 ? speedOf(queue, bytes - sentBytes) : outcomeOf(uploads)),
+          ...(open > 0 ? speedOf(queue, bytes - sentBytes) : []),
+          ...(known > 0 ? [texts.known(formatCount(known))] : []),
         ].join(" · ")}
+        {rejected > 0 && <span class="warning"> · {texts.rejected(formatCount(rejected))}</span>}
       </p>
       <ul>
         {[...moving, ...failures].slice(0, SHOWN).map((one) => (
@@ -94,16 +100,5 @@ function speedOf(queue: UploadQueue, bytesLeft: number): string[] {
   return [
     ...(files ? [texts.perMinute(formatCount(Math.round(files * 60)))] : []),
     ...(bytes ? [texts.left(formatDuration(bytesLeft / bytes))] : []),
-  ];
-}
-
-function outcomeOf(uploads: readonly Upload[]): string[] {
-  const known = uploads.filter((one) => one.state === "known").length;
-  const rejected = uploads.filter(
-    (one) => one.judgement && !["accepted", "video"].includes(one.judgement.verdict),
-  ).length;
-  return [
-    ...(known ? [texts.known(formatCount(known))] : []),
-    ...(rejected ? [texts.rejected(formatCount(rejected))] : []),
   ];
 }

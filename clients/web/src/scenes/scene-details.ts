@@ -1,4 +1,5 @@
 import { useEffect, useState } from "preact/hooks";
+import { ServiceError } from "../api/problem";
 import { api, data, type Schemas } from "../api/service";
 import { report } from "../store/notices";
 
@@ -17,7 +18,9 @@ export function useDetails(scene: Schemas["Scene"], visible: boolean, version: n
     let wanted = true;
     load(scene)
       .then((loaded) => wanted && setDetails(loaded))
-      .catch(report);
+      .catch((error: unknown) => {
+        if (!(error instanceof ServiceError && error.status === 404)) report(error); // it was just deleted
+      });
     return () => {
       wanted = false;
     };
@@ -27,17 +30,16 @@ export function useDetails(scene: Schemas["Scene"], visible: boolean, version: n
 
 async function load(scene: Schemas["Scene"]): Promise<SceneDetails> {
   const path = { scene_id: scene.id };
-  const [size, jobs, snapshot] = await Promise.all([
+  const [size, job, snapshot] = await Promise.all([
     data(api.GET("/v1/scenes/{scene_id}/size", { params: { path } })),
-    data(
-      api.GET("/v1/scenes/{scene_id}/jobs", { params: { path, query: { state: ["running", "queued"] } } }),
-    ),
+    scene.job === null
+      ? null
+      : data(api.GET("/v1/jobs/{job_id}", { params: { path: { job_id: scene.job.id } } })),
     scene.snapshot_id === null
       ? null
       : data(
           api.GET("/v1/snapshots/{snapshot_id}", { params: { path: { snapshot_id: scene.snapshot_id } } }),
         ),
   ]);
-  const job = jobs.items.find((one) => one.state === "running") ?? jobs.items[0] ?? null;
   return { size, snapshot, job };
 }

@@ -1,35 +1,42 @@
 import { afterEach, expect, it, vi } from "vitest";
-import { named, SceneList } from "./scene-list";
+import { SceneList } from "./scene-list";
 
 afterEach(() => vi.unstubAllGlobals());
 
 /** A service with scenes of these names, a page of two at a time. */
 function serve(names: string[]) {
   vi.stubGlobal("fetch", async (request: Request) => {
-    const start = Number(new URL(request.url).searchParams.get("after") ?? 0);
-    const items = names.slice(start, start + 2).map((name) => ({ id: name, name }));
-    return Response.json({ items, next: start + 2 < names.length ? String(start + 2) : null });
+    const query = new URL(request.url).searchParams;
+    const start = Number(query.get("after") ?? 0);
+    const found = names.filter((name) => name.includes(query.get("search") ?? ""));
+    const items = found.slice(start, start + 2).map((name) => ({ id: name, name }));
+    return Response.json({ items, next: start + 2 < found.length ? String(start + 2) : null });
   });
+}
+
+function namesOf(list: SceneList) {
+  return list.scenes.value?.map((scene) => scene.name);
 }
 
 it("loads pages on request, and those again", async () => {
   serve(["e", "d", "c", "b", "a"]);
   const list = new SceneList();
-  await list.reload();
-  expect(list.scenes.value?.length).toBe(2);
+  await list.search("");
   await list.loadMore();
-  expect(list.hasMore.value).toBe(true);
   await list.reload();
-  expect(list.scenes.value?.map((scene) => scene.name)).toEqual(["e", "d", "c", "b"]);
-  await list.loadAll();
+  expect(namesOf(list)).toEqual(["e", "d", "c", "b"]);
+  expect(list.hasMore.value).toBe(true);
+  await list.loadMore();
   expect(list.scenes.value?.length).toBe(5);
   expect(list.hasMore.value).toBe(false);
 });
 
-it("finds names in any case", async () => {
-  serve(["North quarry", "Castle"]);
+it("shows what was searched for last", async () => {
+  serve(["quarry 2", "castle", "quarry 1"]);
   const list = new SceneList();
-  await list.reload();
-  expect(named(list.scenes.value ?? [], " QUARRY ").map((scene) => scene.name)).toEqual(["North quarry"]);
-  expect(named(list.scenes.value ?? [], "  ").length).toBe(2);
+  const first = list.search("c");
+  await list.search(" quarry ");
+  await first;
+  expect(namesOf(list)).toEqual(["quarry 2", "quarry 1"]);
+  expect(list.searched.value).toBe("quarry");
 });

@@ -1,8 +1,9 @@
 import { useEffect, useState } from "preact/hooks";
+import type { Schemas } from "../api/service";
 import { report } from "../store/notices";
 import { strings } from "../strings";
 import { NewScene } from "./new-scene";
-import { named, SceneList } from "./scene-list";
+import { SceneList } from "./scene-list";
 import { SceneRow } from "./scene-row";
 import "./scenes.css";
 
@@ -12,7 +13,6 @@ const texts = strings.scenes;
 /** All scenes: a table to search in, with what can be done to each. */
 export function ScenesPage() {
   const [list] = useState(() => new SceneList());
-  const [text, setText] = useState("");
   const [creating, setCreating] = useState(false);
   const [version, setVersion] = useState(0);
   const reload = () => {
@@ -28,22 +28,19 @@ export function ScenesPage() {
     }, REFRESH_MS);
     return () => clearInterval(timer);
   }, []);
-  const search = (wanted: string) => {
-    setText(wanted);
-    if (wanted.trim()) list.loadAll().catch(report);
-  };
   const scenes = list.scenes.value;
+  const searched = list.searched.value;
+  const none = scenes?.length === 0 && !searched;
   return (
     <section class="page scenes">
       <div class="toolbar">
         <h1 class="grow">{texts.title}</h1>
-        {scenes !== null && scenes.length > 0 && (
+        {scenes !== null && !none && (
           <input
             type="search"
-            value={text}
             placeholder={texts.search}
             aria-label={texts.search}
-            onInput={(event) => search(event.currentTarget.value)}
+            onInput={(event) => list.search(event.currentTarget.value).catch(report)}
           />
         )}
         <button type="button" class="primary" onClick={() => setCreating(true)}>
@@ -52,16 +49,15 @@ export function ScenesPage() {
       </div>
       {creating && <NewScene onClose={() => setCreating(false)} />}
       {scenes === null && <p class="loading">{texts.loading}</p>}
-      {scenes?.length === 0 && (
+      {none && (
         <div class="empty">
           <h2>{texts.empty}</h2>
           <p>{texts.emptyHint}</p>
         </div>
       )}
-      {scenes !== null && scenes.length > 0 && (
-        <Table scenes={named(scenes, text)} text={text} version={version} onChange={reload} />
-      )}
-      {list.hasMore.value && !text.trim() && (
+      {scenes?.length === 0 && searched && <p class="muted">{texts.noneFound(searched)}</p>}
+      {scenes !== null && scenes.length > 0 && <Table scenes={scenes} version={version} onChange={reload} />}
+      {list.hasMore.value && (
         <p>
           <button type="button" onClick={() => list.loadMore().catch(report)}>
             {texts.more}
@@ -73,14 +69,12 @@ export function ScenesPage() {
 }
 
 interface TableProps {
-  scenes: ReturnType<typeof named>;
-  text: string;
+  scenes: readonly Schemas["Scene"][];
   version: number;
   onChange: () => void;
 }
 
-function Table({ scenes, text, version, onChange }: TableProps) {
-  if (scenes.length === 0) return <p class="muted">{texts.noneFound(text.trim())}</p>;
+function Table({ scenes, version, onChange }: TableProps) {
   return (
     <table>
       <thead>
