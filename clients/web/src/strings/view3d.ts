@@ -85,12 +85,12 @@ export const en = {
   rendersFailed: (reason: string) => `The service cannot render the model; its points are shown. ${reason}`,
   drawnHere: (perSecond: number) =>
     `Drawn here, ${perSecond >= 10 ? Math.round(perSecond) : perSecond.toFixed(1)} images/s`,
-  drawnByService: {
-    hardware: (ms: number | null) => `Drawn by the service${ms === null ? "" : `, in ${Math.round(ms)} ms`}`,
-    software: (ms: number | null) =>
-      `Drawn by the service${ms === null ? "" : `, in ${Math.round(ms)} ms`}: this browser has no graphics card`,
-    none: (ms: number | null) =>
-      `Drawn by the service${ms === null ? "" : `, in ${Math.round(ms)} ms`}: this browser has no WebGL`,
+  drawnByService: (ms: number | null) =>
+    ms === null ? "Drawn by the service" : `Drawn by the service, in ${Math.round(ms)} ms`,
+  whyByService: {
+    hardware: "",
+    software: "this browser has no graphics card",
+    none: "this browser has no WebGL",
   },
   contextLost: "The graphics card was taken away from this page. Lines and points are still drawn.",
   snapshotDeleted: "The shown model was deleted; the newest is shown.",

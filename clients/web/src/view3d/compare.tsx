@@ -164,9 +164,9 @@ function Renders({ left, right, image, view, share, onShare }: RendersProps) {
   return (
     <div class="compare-stage" onPointerDown={drag} onPointerMove={drag}>
       <canvas ref={canvas} class="layer" role="img" aria-label={texts.label} />
-      {loading && <p class="view3d-status">{strings.loading}</p>}
+      {loading && <p role="status">{strings.loading}</p>}
       {failure && (
-        <p class="view3d-status error" role="alert">
+        <p class="error" role="alert">
           {failure}
         </p>
       )}

@@ -42,6 +42,12 @@ export async function loadSplat(
     enableLod: false,
     accumExtSplats: true,
     sortRadial: false,
+    // As the engine draws: 0.3 px² are added to every covariance, the opacity stays, and splats end at 3.33 σ or 1/255.
+    preBlurAmount: 0.3,
+    blurAmount: 0,
+    maxStdDev: 3.33,
+    minAlpha: 1 / 255,
+    maxPixelRadius: 4096,
   });
   const group = new Object3D();
   group.add(renderer, mesh);

@@ -25,16 +25,19 @@ export function firstView(
   return wholeView(content, lookAt([0, 0, 0], add(north ?? across(up), times(up, -0.6)), up), lens);
 }
 
+/** The sphere around a box has air in its corners. */
+const TIGHT = 0.75;
+
 /** Everything, in the direction of a camera. */
 export function wholeView({ centre, radius }: Content, camera: Camera, lens: Lens): Viewpoint {
-  return framing(camera, centre, radius, halfAngle(lens));
+  return framing(camera, centre, radius * TIGHT, halfAngle(lens));
 }
 
 /** Everything from above, north at the top where it is known; else what was on the right stays there. */
 export function topView({ up, north, centre, radius }: Content, camera: Camera, lens: Lens): Viewpoint {
   const right = north ? cross(north, up) : rotate(camera.orientation, [1, 0, 0]);
   const level = length(minus(right, times(up, dot(right, up)))) > 1e-3 ? right : across(up);
-  return fromAbove(centre, radius / Math.sin(halfAngle(lens)), level, up);
+  return fromAbove(centre, (radius * TIGHT) / Math.sin(halfAngle(lens)), level, up);
 }
 
 /** The viewpoint of a camera, which turns about what is ahead of it as far away as the middle of the model. */

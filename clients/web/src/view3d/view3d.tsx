@@ -34,35 +34,35 @@ export function View3d({ store }: SceneProps) {
       {/* biome-ignore lint/a11y/noNoninteractiveTabindex: the keys of an application move its view */}
       <div ref={host} class="view3d-canvas" role="application" aria-label={texts.label} tabIndex={0} />
       {viewer && (
-        <>
-          <div class="view3d-tools" role="toolbar" aria-label={texts.tools}>
-            <button type="button" onClick={() => viewer.fitAll()} title={texts.keys.fit}>
-              {texts.fit}
+        <div class="view3d-tools" role="toolbar" aria-label={texts.tools}>
+          <button type="button" onClick={() => viewer.fitAll()} title={texts.keys.fit}>
+            {texts.fit}
+          </button>
+          <button type="button" onClick={() => viewer.top()} title={texts.keys.top}>
+            {texts.top}
+          </button>
+          {store.selection.value && (
+            <button type="button" onClick={() => viewer.focus()} title={texts.keys.focus}>
+              {texts.focus}
             </button>
-            <button type="button" onClick={() => viewer.top()} title={texts.keys.top}>
-              {texts.top}
+          )}
+          {store.lookThrough.value && (
+            <button type="button" class="primary" onClick={() => viewer.command("Escape")}>
+              {texts.leave}
             </button>
-            {store.selection.value && (
-              <button type="button" onClick={() => viewer.focus()} title={texts.keys.focus}>
-                {texts.focus}
-              </button>
-            )}
-            {store.lookThrough.value && (
-              <button type="button" class="primary" onClick={() => viewer.command("Escape")}>
-                {texts.leave}
-              </button>
-            )}
-            <button type="button" onClick={() => setHelp(true)}>
-              {texts.help}
-            </button>
-            <ViewpointsPanel store={store} viewer={viewer} />
-            <LayersPanel state={state} />
-          </div>
-          <Legend store={store} state={state} viewer={viewer} />
-        </>
+          )}
+          <button type="button" onClick={() => setHelp(true)}>
+            {texts.help}
+          </button>
+          <ViewpointsPanel store={store} viewer={viewer} />
+          <LayersPanel state={state} />
+        </div>
       )}
       <Emptiness store={store} />
-      <ModelStatus state={state} />
+      <div class="view3d-foot">
+        <ModelStatus state={state} />
+        {viewer && <Legend store={store} state={state} viewer={viewer} />}
+      </div>
       {hovered && (
         <div class="view3d-label" style={{ left: `${hovered.at[0] + 14}px`, top: `${hovered.at[1] + 14}px` }}>
           {hovered.marker.label}
@@ -123,7 +123,10 @@ function ModelStatus({ state: { model, contextLost, frameMs, gl } }: { state: Vi
     none: "",
     loading: texts.loadingSplat,
     local: frameMs.value === null ? "" : texts.drawnHere(1000 / frameMs.value),
-    service: now.kind === "service" ? texts.drawnByService[gl](now.latencyMs) : "",
+    service:
+      now.kind === "service"
+        ? [texts.drawnByService(now.latencyMs), texts.whyByService[gl]].filter(Boolean).join(": ")
+        : "",
   }[now.kind];
   return (
     <p class="view3d-status" role="status">

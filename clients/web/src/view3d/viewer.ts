@@ -86,7 +86,6 @@ export class Viewer implements Navigated {
 
   dispose(): void {
     this.disposed = true;
-    if (this.placed) this.state.last.set(this.store.id, { view: this.view, cameras: this.cameras });
     for (const end of this.ends) end();
     cancelAnimationFrame(this.waiting);
     clearTimeout(this.resting);
@@ -239,6 +238,7 @@ export class Viewer implements Navigated {
     const seen = Math.max(frame.width, frame.height) * devicePixelRatio;
     this.source.request(this.view, moving, Math.min(seen, Math.max(width_px, height_px)));
     if (moving) this.resting = setTimeout(() => this.moved(false), REST_MS);
+    else if (this.placed) this.state.last.set(this.store.id, { view: this.view, cameras: this.cameras });
   }
 
   /** Measure how long a frame takes while the view turns; where that is long the service draws. */

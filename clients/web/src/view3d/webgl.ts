@@ -190,8 +190,9 @@ export class WebglLayers {
   /** Free the context with all that it has. */
   dispose(): void {
     for (const layer of [...this.layers.keys()]) this.set(layer, null);
+    const lost = this.renderer.getContext().isContextLost();
     this.renderer.dispose();
-    this.renderer.forceContextLoss();
+    if (!lost) this.renderer.forceContextLoss();
   }
 }
 
