@@ -1,10 +1,11 @@
-import { computed, effect, signal } from "@preact/signals";
+import { computed, effect, type Signal, signal } from "@preact/signals";
 import { loadCameras, type SnapshotCameras } from "../api/artifacts";
 import { type SceneEvent, sceneEvents } from "../api/events";
 import { ServiceError } from "../api/problem";
 import { all, api, data, type Schemas } from "../api/service";
 import { type Camera, Frames } from "../geometry/frames";
 import { afterEvents } from "./images";
+import { keptDrawings } from "./kept-drawings";
 import { report } from "./notices";
 import { throttled } from "./throttle";
 
@@ -68,7 +69,9 @@ export class SceneStore {
   readonly cameras = signal<SnapshotCameras | null>(null);
   readonly selection = signal<Selection | null>(null);
   /** Areas, corridors, fences and no-fly zones that were drawn on the map. */
-  readonly drawings = signal<readonly Drawing[]>([]);
+  readonly drawings: Signal<readonly Drawing[]>;
+  /** The id of the drawing that is chosen on the map, such as the area to fly. */
+  readonly chosenDrawing = signal<string | null>(null);
   /** Gets the place of the next click on the map, in place of selecting what is there; null: nothing waits for one. */
   readonly pick = signal<((place: Place) => void) | null>(null);
   /** The camera to look through in the 3D view; the view sets it to null when the operator moves on. */
@@ -104,6 +107,7 @@ export class SceneStore {
   private readonly refresh = throttled(() => this.reload(), REFRESH_MS);
 
   constructor(readonly id: string) {
+    this.drawings = keptDrawings(id);
     this.stopLoadingCameras = effect(() => {
       const id = this.snapshot.value?.id ?? null;
       void this.showCameras(id);

@@ -1,0 +1,147 @@
+import { colourOf, cssOf } from "../components/colour-map";
+import { formatPercent } from "../components/format";
+import { strings } from "../strings";
+import { theme } from "../theme";
+import { shareOf } from "./ground-grid";
+import { LAYERS, type Layer, shownLayers, toggleLayer } from "./layers";
+import type { MapState } from "./map-state";
+import { ENOUGH } from "./map-state";
+import { tourColour } from "./paint";
+import { overlapColour } from "./paint-ground";
+
+/** On narrower screens the list would hide much of the map until it is wanted. */
+const WIDE_PX = 1600;
+
+/** The layers of the map, with what their colours mean. */
+export function LayerList({ map }: { map: MapState }) {
+  return (
+    <details class="map-layers" open={innerWidth >= WIDE_PX}>
+      <summary>{strings.map.layersTitle}</summary>
+      {LAYERS.map((layer) => (
+        <div key={layer}>
+          <label class="check">
+            <input
+              type="checkbox"
+              checked={shownLayers.value.has(layer)}
+              onChange={() => toggleLayer(layer)}
+            />
+            {strings.map.layers[layer]}
+          </label>
+          {shownLayers.value.has(layer) && <Legend layer={layer} map={map} />}
+        </div>
+      ))}
+    </details>
+  );
+}
+
+function Legend({ layer, map }: { layer: Layer; map: MapState }) {
+  const { legend } = strings.map;
+  const { contents } = map;
+  switch (layer) {
+    case "photographs": {
+      const found = new Set(contents.photographs.value.map((one) => one.registration));
+      const others = found.has("unused") || found.has("excluded") || found.has("quarantined");
+      return (
+        <ul>
+          {found.has("registered") && <Key sign="dot accent" text={legend.registered} />}
+          {found.has("pending") && <Key sign="ring warn" text={legend.pending} />}
+          {found.has("unregistered") && <Key sign="cross bad" text={legend.unregistered} />}
+          {others && <Key sign="ring muted" text={legend.left} />}
+        </ul>
+      );
+    }
+    case "footprints":
+      return <FootprintLegend map={map} />;
+    case "overlap":
+      return <OverlapLegend map={map} />;
+    case "candidates":
+      return contents.candidates.value.length ? <RankLegend /> : null;
+    case "plan":
+      return (
+        <ul>
+          {contents.tours.value.map(({ vehicle }) => (
+            <Key key={vehicle} colour={tourColour(vehicle)} text={legend.tour(vehicle)} />
+          ))}
+        </ul>
+      );
+    default:
+      return null;
+  }
+}
+
+function FootprintLegend({ map }: { map: MapState }) {
+  const { contents } = map;
+  const { legend } = strings.map;
+  if (contents.ground.value === null && contents.frame.value.enu !== null) return <FlightHeight map={map} />;
+  const registered = contents.footprints.value.some((one) => one.registered);
+  const prior = contents.footprints.value.some((one) => !one.registered);
+  return (
+    <ul>
+      {registered && <Key sign="line accent" text={legend.footprint} />}
+      {prior && <Key sign="line warn dashed" text={legend.priorFootprint} />}
+    </ul>
+  );
+}
+
+function FlightHeight({ map }: { map: MapState }) {
+  return (
+    <div class="map-question">
+      <p class="hint">{strings.map.noGround}</p>
+      <label>
+        {strings.map.flightHeight}
+        <input
+          type="number"
+          min="1"
+          step="1"
+          onChange={({ currentTarget }) => {
+            const height = currentTarget.valueAsNumber;
+            map.contents.flightHeight.value = height > 0 ? height : null;
+          }}
+        />
+      </label>
+    </div>
+  );
+}
+
+function OverlapLegend({ map }: { map: MapState }) {
+  const grid = map.contents.overlap.value;
+  if (grid === null) return null;
+  return (
+    <ul>
+      {[0, 1, 2, 3].map((count) => (
+        <Key
+          key={count}
+          colour={cssOf(overlapColour(count))}
+          text={strings.map.legend.seen(
+            count < ENOUGH ? String(count) : `${ENOUGH}+`,
+            formatPercent(shareOf(grid, (value) => (count < ENOUGH ? value === count : value >= ENOUGH))),
+          )}
+        />
+      ))}
+    </ul>
+  );
+}
+
+function RankLegend() {
+  const { legend } = strings.map;
+  const stops = [0, 0.25, 0.5, 0.75, 1].map((at) => cssOf(colourOf(at, theme.value))).join(", ");
+  return (
+    <ul>
+      <li class="map-scale">
+        {legend.best}
+        <span style={{ backgroundImage: `linear-gradient(to right, ${stops})` }} />
+        {legend.worst}
+      </li>
+      <Key sign="ring muted" text={legend.notRanked} />
+    </ul>
+  );
+}
+
+function Key({ sign = "dot", colour, text }: { sign?: string; colour?: string; text: string }) {
+  return (
+    <li>
+      <span class={`map-key ${sign}`} style={colour ? { backgroundColor: colour } : {}} aria-hidden="true" />{" "}
+      {text}
+    </li>
+  );
+}

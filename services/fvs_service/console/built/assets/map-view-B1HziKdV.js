@@ -1,1 +1,0 @@
-import{t as e}from"./preact-B7UmensF.js";function t({store:t}){return e(`p`,{children:t.id})}export{t as MapView};
