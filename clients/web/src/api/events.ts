@@ -1,4 +1,5 @@
 import type { components } from "./schema";
+import { serverSent } from "./server-sent";
 import { send } from "./service";
 
 export type SceneEvent = components["schemas"]["Event"];
@@ -23,27 +24,7 @@ export async function* sceneEvents(
     signal,
     cache: "no-store",
   });
-  const reader = (response.body as ReadableStream<Uint8Array>)
-    .pipeThrough(new TextDecoderStream() as ReadableWritablePair<string, Uint8Array>)
-    .getReader();
-  let buffer = "";
-  for (;;) {
-    const { done, value } = await reader.read();
-    if (done) return;
-    buffer += value;
-    const blocks = buffer.split("\n\n");
-    buffer = blocks.pop() ?? "";
-    for (const block of blocks) yield parse(block);
+  for await (const { id, data } of serverSent(response)) {
+    yield { id, event: data ? (JSON.parse(data) as SceneEvent) : null };
   }
-}
-
-/** One block of a stream of server-sent events (WHATWG HTML, section 9.2). */
-export function parse(block: string): Message {
-  let id: string | null = null;
-  const lines: string[] = [];
-  for (const line of block.split("\n")) {
-    if (line.startsWith("id:")) id = line.slice(3).trim();
-    else if (line.startsWith("data:")) lines.push(line.slice(5).trimStart());
-  }
-  return { id, event: lines.length ? (JSON.parse(lines.join("\n")) as SceneEvent) : null };
 }

@@ -21,16 +21,19 @@ export class ServiceError extends Error {
   }
 }
 
+/** The error that a problem describes. */
+export function refusal(problem: Problem, retryAfterS: number | null): ServiceError {
+  const fields = (problem.errors ?? []).map((one) => `${one.field}: ${one.message}`).join("; ");
+  const message = fields ? `${problem.detail} ${fields}` : problem.detail;
+  return new ServiceError(message, problem.hint, problem.code, problem.status, retryAfterS);
+}
+
 /** The error that a response without success describes. */
 export async function errorOf(response: Response): Promise<ServiceError> {
   const retryAfter = response.headers.get("Retry-After");
   const retryAfterS = retryAfter !== null && /^\d+$/.test(retryAfter) ? Number(retryAfter) : null;
   const problem = (await response.json().catch(() => null)) as Problem | null;
-  if (!problem?.detail) {
-    const { status } = response;
-    return new ServiceError(`The answer has status ${status}.`, "", "unknown", status, retryAfterS);
-  }
-  const fields = (problem.errors ?? []).map((one) => `${one.field}: ${one.message}`).join("; ");
-  const message = fields ? `${problem.detail} ${fields}` : problem.detail;
-  return new ServiceError(message, problem.hint, problem.code, response.status, retryAfterS);
+  if (problem?.detail) return refusal(problem, retryAfterS);
+  const { status } = response;
+  return new ServiceError(`The answer has status ${status}.`, "", "unknown", status, retryAfterS);
 }

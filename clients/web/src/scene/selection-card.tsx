@@ -4,6 +4,7 @@ import { Dialog } from "../components/dialog";
 import { ServiceImage } from "../components/service-image";
 import type { SceneStore } from "../store/scene";
 import { strings } from "../strings";
+import { CandidateCard } from "../views/candidate-card";
 import type { SceneProps } from "./scene-page";
 
 /** What is selected, on the stage: an image with its photograph, a candidate, or a stop of a plan. */
@@ -24,6 +25,7 @@ export function SelectionCard({ store }: SceneProps) {
         </button>
       </header>
       {image && <ImageDetails store={store} image={image} />}
+      {selection.kind !== "image" && <CandidateCard store={store} id={selection.id} />}
     </aside>
   );
 }

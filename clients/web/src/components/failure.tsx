@@ -1,0 +1,25 @@
+import { ServiceError } from "../api/problem";
+import { strings } from "../strings";
+
+interface FailureProps {
+  error: unknown;
+  /** Does again what failed. */
+  onRetry: () => void;
+}
+
+/** Why something failed, with its hint, in the place where it was asked for. */
+export function Failure({ error, onRetry }: FailureProps) {
+  if (error === null) return null;
+  const message = error instanceof Error ? error.message : String(error);
+  return (
+    <div class="failure" role="alert">
+      <p class="error">{message}</p>
+      {error instanceof ServiceError && error.hint && <p class="hint">{error.hint}</p>}
+      {error instanceof ServiceError && (
+        <button type="button" onClick={onRetry}>
+          {strings.views.retry}
+        </button>
+      )}
+    </div>
+  );
+}

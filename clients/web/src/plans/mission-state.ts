@@ -1,0 +1,68 @@
+import { effect, type Signal, signal } from "@preact/signals";
+import { perScene } from "../store/per-scene";
+import type { SceneStore } from "../store/scene";
+import { type MissionPart, missionParts } from "./mission-files";
+import { MISSION, type MissionForm } from "./mission-form";
+
+/** Which files were prepared, and for what. */
+export interface Prepared {
+  /** What they were made of, to tell when it changed. */
+  key: string;
+  parts: readonly MissionPart[];
+}
+
+/** The mission's form of a scene, remembered in this browser session, and the files that were prepared with it. */
+export class MissionState {
+  readonly form: Signal<MissionForm>;
+  readonly busy = signal(false);
+  readonly failure = signal<unknown>(null);
+  readonly prepared = signal<Prepared | null>(null);
+
+  private aborter = new AbortController();
+
+  constructor(private readonly store: SceneStore) {
+    const name = `fvs-mission ${store.id}`;
+    this.form = signal(remembered(sessionStorage.getItem(name)));
+    effect(() => sessionStorage.setItem(name, JSON.stringify(this.form.value)));
+  }
+
+  /** What files are made of now. */
+  key(): string {
+    const { ranking, plan, drawings } = this.store;
+    return JSON.stringify([this.form.value, ranking.value?.id, plan.value?.id, drawings.value]);
+  }
+
+  /** Write all files of the mission. */
+  async prepare(): Promise<void> {
+    this.aborter.abort();
+    const aborter = new AbortController();
+    this.aborter = aborter;
+    this.busy.value = true;
+    this.failure.value = null;
+    this.prepared.value = null;
+    const key = this.key();
+    const { ranking, plan, drawings, id } = this.store;
+    const material = {
+      sceneId: id,
+      ranking: ranking.peek(),
+      plan: plan.peek(),
+      drawings: drawings.peek(),
+    };
+    try {
+      const parts = await missionParts(this.form.peek(), material, aborter.signal);
+      this.prepared.value = { key, parts };
+    } catch (error) {
+      if (!aborter.signal.aborted) this.failure.value = error;
+    } finally {
+      if (this.aborter === aborter) this.busy.value = false;
+    }
+  }
+}
+
+/** The options of an earlier page; the usual ones where there are none. */
+export function remembered(text: string | null): MissionForm {
+  return { ...MISSION, ...(text === null ? null : (JSON.parse(text) as Partial<MissionForm>)) };
+}
+
+/** The mission of a scene. */
+export const missionState = perScene((store) => new MissionState(store));

@@ -1,0 +1,136 @@
+import { describe, expect, it } from "vitest";
+import type { Schemas } from "../api/service";
+import { heightAt } from "./home";
+import { fileName, flightTime, leftOutOf, routeOf } from "./mission-files";
+import { MISSION, type MissionForm, missionCall, missionQuery, objection } from "./mission-form";
+import { remembered } from "./mission-state";
+
+const PLAN = {
+  id: "pln_1",
+  snapshot_id: "snp_1",
+  tours: [{ vehicle: 2, stops: [{ id: "a", pose: {}, via: [] }], via_home: [{ x: 1 }] }],
+} as unknown as Schemas["Plan"];
+const RANKING = {
+  id: "rnk_1",
+  snapshot_id: "snp_1",
+  candidates: [
+    { id: "a", rank: 1, pose: {} },
+    { id: "b", rank: 2, pose: {} },
+    { id: "c", rank: null, pose: {} },
+  ],
+} as unknown as Schemas["Ranking"];
+const MATERIAL = { sceneId: "scn_1", ranking: RANKING, plan: PLAN, drawings: [] };
+const HOME = { home: true, latitude: "46.02", longitude: "7.75", altitude: "1605" };
+
+function form(change: Partial<MissionForm>): MissionForm {
+  return { ...MISSION, ...change };
+}
+
+describe("the request of a mission", () => {
+  it("has what was said, and the part", () => {
+    const query = missionQuery(form({ ...HOME, battery: "600", source: "ranking" }), [], 2);
+    expect(Object.fromEntries(query)).toEqual({
+      format: "qgc-plan",
+      first: "8",
+      leave_out: "true",
+      home_latitude_deg: "46.02",
+      home_longitude_deg: "7.75",
+      home_altitude_m: "1605",
+      speed_m_s: "5",
+      hold_s: "4",
+      battery_distance_m: "600",
+      finish: "return",
+      autopilot: "ardupilot",
+      part: "2",
+    });
+  });
+
+  it("of a robot has neither home nor heights", () => {
+    const query = missionQuery(form({ ...HOME, format: "ros-posearray", leaveOut: false }), [], 1);
+    expect(Object.fromEntries(query)).toEqual({ format: "ros-posearray" });
+  });
+
+  it("is that of the ranking or of the plan's vehicle", () => {
+    expect(missionCall(form({ source: "ranking" }), MATERIAL, 1)).toMatchObject({
+      path: expect.stringContaining("/v1/rankings/rnk_1/mission?format=qgc-plan&first=8"),
+      body: null,
+    });
+    expect(missionCall(form({ vehicle: "2" }), MATERIAL, 1).path).toContain("/v1/plans/pln_1/mission?");
+    expect(missionCall(form({ vehicle: "2" }), MATERIAL, 1).path).toContain("vehicle=2");
+  });
+
+  it("carries its views when the ground matters, and may be all photographs again", () => {
+    const over = missionCall(form({ source: "ranking", first: "1", terrain: true }), MATERIAL, 1);
+    expect(over.path).toMatch(/^\/v1\/scenes\/scn_1\/missions\?/);
+    expect(over.path).not.toContain("first=");
+    expect(over.body).toEqual({
+      views: [{ id: "a", pose: {} }],
+      snapshot_id: "snp_1",
+      terrain: { kind: "points" },
+    });
+    const tour = missionCall(form({ vehicle: "2", terrain: true }), MATERIAL, 1);
+    expect(tour.body).toMatchObject({ via_home: [{ x: 1 }] });
+    expect(missionCall(form({ source: "photographs" }), MATERIAL, 1).body).toEqual({ all_images: true });
+  });
+
+  it("says what is missing", () => {
+    expect(() => missionCall(form({}), { ...MATERIAL, plan: null }, 1)).toThrow("Show a plan");
+    expect(() => missionQuery(form({ home: true }), [], 1)).toThrow("home");
+  });
+});
+
+it("Formats that need Earth say so", () => {
+  expect(objection("qgc-plan", false, true)).toContain("Earth");
+  expect(objection("ros-posearray", false, true)).toBeNull();
+  expect(objection("ros-posearray", false, false)).toContain("metres");
+  expect(objection("nerfstudio", false, false)).toBeNull();
+});
+
+it("Options are remembered, and new ones have their usual values", () => {
+  expect(remembered(null)).toEqual(MISSION);
+  expect(remembered('{"speed":"8"}')).toEqual({ ...MISSION, speed: "8" });
+});
+
+describe("a file", () => {
+  it("has the name, the left-out views and the reasons of its headers", () => {
+    expect(fileName('attachment; filename="pln_1-1-of-3.plan"')).toBe("pln_1-1-of-3.plan");
+    const headers = new Headers({ "Left-Out": "a,b", "Left-Out-Reasons": '["it is under ground"]' });
+    expect(leftOutOf(headers)).toEqual([
+      { id: "a", reason: "it is under ground" },
+      { id: "b", reason: "" },
+    ]);
+    expect(leftOutOf(new Headers())).toEqual([]);
+  });
+
+  it("has a route from home over its views and back", () => {
+    const point = (kind: string, longitude: number, altitude_m?: number) => ({
+      geometry: { coordinates: [longitude, 0] },
+      properties: {
+        kind,
+        ...(altitude_m !== undefined && { altitude_m, altitude_datum: "takeoff" as const }),
+      },
+    });
+    const map = { features: [point("view", 0, 30), point("view", 0.001, 30), point("home", 0)] };
+    const degree = 111.3195;
+    const { views, length_m } = routeOf(map, true);
+    expect(views).toBe(2);
+    expect(length_m).toBeCloseTo(30 + degree + Math.hypot(degree, 30), 1);
+    expect(routeOf(map, false).length_m).toBeCloseTo(30 + degree, 1);
+    expect(flightTime({ views: 2, length_m: 100 }, 5, 4)).toBe(28);
+  });
+});
+
+it("The ground is at the nearest place of the grid, where it is known", () => {
+  const terrain = {
+    kind: "heights" as const,
+    south_deg: 46,
+    west_deg: 7,
+    latitude_step_deg: 0.1,
+    longitude_step_deg: 0.1,
+    columns: 2,
+    heights_m: [100, 200, -32768, 400],
+  };
+  expect(heightAt(terrain, { latitude_deg: 46.01, longitude_deg: 7.11 })).toBe(200);
+  expect(heightAt(terrain, { latitude_deg: 46.1, longitude_deg: 7 })).toBeNull();
+  expect(heightAt(terrain, { latitude_deg: 47, longitude_deg: 7 })).toBeNull();
+});

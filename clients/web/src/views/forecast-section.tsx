@@ -1,0 +1,74 @@
+import { Failure } from "../components/failure";
+import { SelectField } from "../components/fields";
+import { planRun } from "../plans/plan-run";
+import { go, route } from "../router";
+import type { SceneStore } from "../store/scene";
+import { strings } from "../strings";
+import { FORECAST_PLACES, type ForecastPlace, leastKnown, summaryOf } from "./forecast-form";
+import { forecastRun } from "./forecast-run";
+import { formatShare } from "./format";
+import { siteOf } from "./site";
+
+const texts = strings.views.forecast;
+
+/** Shows what the model does not know, and plans a flight there. */
+export function ForecastSection({ store }: { store: SceneStore }) {
+  const run = forecastRun(store);
+  const place = run.place.value;
+  const forecast = store.forecast.value;
+  const fly = () => {
+    const site = siteOf(store);
+    if (!forecast || !site) return;
+    void planRun(store).startFrom(leastKnown(forecast, site));
+    const now = route.value;
+    if (now.page === "scene") go({ ...now, panel: "plans" });
+  };
+  return (
+    <section aria-label={texts.title} class="forecast">
+      <h2>{texts.title}</h2>
+      <SelectField<ForecastPlace | "">
+        label={texts.where}
+        value={place ?? ""}
+        onValue={(value) => {
+          run.place.value = value || null;
+        }}
+        options={[
+          { value: "", title: texts.nowhere },
+          ...FORECAST_PLACES.map((value) => ({
+            value,
+            title: texts.places[value],
+            disabled: store.cameras.value === null,
+          })),
+        ]}
+      />
+      {run.busy.value && <p role="status">{texts.busy}</p>}
+      <Failure error={run.failure.value} onRetry={() => run.again()} />
+      {forecast && (
+        <>
+          <Summary forecast={forecast} />
+          <p class="actions">
+            <span class="hint grow">{texts.flyHint}</span>
+            <button type="button" class="primary" onClick={fly}>
+              {texts.fly}
+            </button>
+          </p>
+        </>
+      )}
+    </section>
+  );
+}
+
+function Summary({ forecast }: { forecast: NonNullable<SceneStore["forecast"]["value"]> }) {
+  const { samples, mean, most, unknown, psnr } = summaryOf(forecast);
+  return (
+    <p>
+      {texts.summary(samples, mean.toFixed(2), most.toFixed(2))} {texts.unknown(formatShare(unknown))}{" "}
+      {psnr ? (
+        texts.calibrated(psnr.mean.toFixed(1), psnr.least.toFixed(1))
+      ) : (
+        <span class="hint">{texts.uncalibrated}</span>
+      )}{" "}
+      <span class="hint">{texts.refreshed}</span>
+    </p>
+  );
+}
