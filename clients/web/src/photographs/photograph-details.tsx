@@ -27,7 +27,7 @@ export function PhotographDetails({ image, onStep, onClose }: DetailsProps) {
   return (
     <section class="photograph-details" aria-label={image.name}>
       <div class="head">
-        <h3 class="grow">{image.name}</h3>
+        <h2 class="grow">{image.name}</h2>
         <button type="button" class="quiet" aria-label={texts.previous} onClick={() => onStep(-1)}>
           ‹
         </button>

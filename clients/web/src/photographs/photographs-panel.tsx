@@ -1,4 +1,4 @@
-import { useMemo, useState } from "preact/hooks";
+import { useEffect, useMemo, useState } from "preact/hooks";
 import type { Schemas } from "../api/service";
 import { formatCount } from "../components/format";
 import { ServiceImage } from "../components/service-image";
@@ -15,6 +15,8 @@ import "./photographs.css";
 
 const texts = strings.photographs;
 const ROW_PX = 60;
+/** How long a row is in sight before its thumbnail is loaded: scrolling past loads none. */
+const SETTLED_MS = 120;
 
 /** The photographs of the scene: adding, finding and judging them. */
 export function PhotographsPanel({ store }: SceneProps) {
@@ -98,9 +100,14 @@ export function PhotographsPanel({ store }: SceneProps) {
 
 function Row({ image }: { image: Schemas["Image"] }) {
   const thumbnail = thumbnailOf(image);
+  const [settled, setSettled] = useState(false);
+  useEffect(() => {
+    const timer = setTimeout(() => setSettled(true), SETTLED_MS);
+    return () => clearTimeout(timer);
+  }, []);
   return (
     <div class="photograph-row">
-      {thumbnail ? (
+      {thumbnail && settled ? (
         <ServiceImage path={thumbnail} alt="" class="thumbnail" />
       ) : (
         <span class="thumbnail none" />

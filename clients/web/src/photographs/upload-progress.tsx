@@ -1,12 +1,12 @@
 import { useState } from "preact/hooks";
-import { ServiceError } from "../api/problem";
 import { ConfirmDialog } from "../components/confirm-dialog";
 import { formatBytes, formatCount, formatDuration, formatPercent } from "../components/format";
 import { strings } from "../strings";
+import { byProblem, wordsOf } from "./upload-problems";
 import type { Upload, UploadQueue } from "./upload-queue";
 
 const texts = strings.photographs.upload;
-const SHOWN = 8;
+const SHOWN = 5;
 
 /** How far the files of a scene are sent: in all, each that is on its way, and those that failed. */
 export function UploadProgress({ queue }: { queue: UploadQueue }) {
@@ -45,20 +45,24 @@ export function UploadProgress({ queue }: { queue: UploadQueue }) {
       <p class="small tabular">
         {[
           texts.files(formatCount(done), formatCount(files)),
-          texts.bytes(formatBytes(sentBytes), formatBytes(bytes)),
+          ...(bytes > 0 ? [texts.bytes(formatBytes(sentBytes), formatBytes(bytes))] : []),
           ...(open > 0 ? speedOf(queue, bytes - sentBytes) : []),
           ...(known > 0 ? [texts.known(formatCount(known))] : []),
         ].join(" · ")}
         {rejected > 0 && <span class="warning"> · {texts.rejected(formatCount(rejected))}</span>}
       </p>
       <ul>
-        {[...moving, ...failures].slice(0, SHOWN).map((one) => (
+        {moving.map((one) => (
           <UploadLine key={one.id} upload={one} />
         ))}
-        {moving.length + failures.length > SHOWN && (
-          <li class="small muted">{texts.more(moving.length + failures.length - SHOWN)}</li>
-        )}
       </ul>
+      {byProblem(failures).map(({ message, hint, names }) => (
+        <p key={message} class="small problem">
+          <span class="error">{message}</span> <span class="hint">{hint}</span>{" "}
+          {names.slice(0, SHOWN).join(", ")}
+          {names.length > SHOWN && ` ${texts.more(names.length - SHOWN)}`}
+        </p>
+      ))}
       {asking && (
         <ConfirmDialog
           title={texts.cancelTitle}
@@ -74,18 +78,11 @@ export function UploadProgress({ queue }: { queue: UploadQueue }) {
 }
 
 function UploadLine({ upload }: { upload: Upload }) {
-  const { problem, state, file } = upload;
-  const message = problem instanceof ServiceError ? problem.message : texts.unreadable;
-  const hint = problem instanceof ServiceError ? problem.hint : texts.unreadableHint;
   return (
     <li class="small">
-      <span class="name">{file.name}</span>
-      <span class={state === "failed" ? "error" : "muted"}>{progressOf(upload)}</span>
-      {problem && (
-        <span class="problem">
-          {message} <span class="hint">{hint}</span>
-        </span>
-      )}
+      <span class="name">{upload.file.name}</span>
+      <span class="muted">{progressOf(upload)}</span>
+      {upload.problem && <span class="problem">{wordsOf(upload.problem).message}</span>}
     </li>
   );
 }
