@@ -1,10 +1,11 @@
 import { computed, effect, signal } from "@preact/signals";
-import { artifactPath, type PinholeIntrinsics } from "../api/artifacts";
+import { artifactPath, type PinholeIntrinsics, type Quaternion } from "../api/artifacts";
 import { bytes, type Schemas } from "../api/service";
 import type { Camera } from "../geometry/frames";
 import { report } from "../store/notices";
 import type { SceneStore } from "../store/scene";
 import { footprintOf, lensOf } from "./footprints";
+import { forecastGrid } from "./forecast-grid";
 import { type Ground, groundOf, levelGround, type Terrain } from "./ground";
 import { overlapOf } from "./ground-grid";
 import { MapFrame } from "./map-frame";
@@ -111,6 +112,17 @@ export class MapContents {
 
   readonly overlap = computed(() => overlapOf(this.footprints.value.map((one) => one.corners)));
 
+  /** What the model does not know, over the ground. */
+  readonly forecast = computed(() => {
+    const forecast = this.store.forecast.value;
+    const samples = forecast?.samples.flatMap(({ pose, position, variance, psnr_db }) => {
+      const given = pose ?? position;
+      const camera = given && this.frame.value.ofPose(withAngles(given), forecast.alignment);
+      return camera ? [{ at: flatOf(camera), variance, psnr_db }] : [];
+    });
+    return forecastGrid(samples ?? []);
+  });
+
   readonly candidates = computed((): PlacedCandidate[] => {
     const ranking = this.store.ranking.value;
     if (ranking === null) return [];
@@ -137,7 +149,11 @@ export class MapContents {
     };
     return plan.tours.map(({ vehicle, stops, via_home }) => {
       const given = plan.request.vehicles?.[vehicle - 1];
-      const start = (given && place(given)[0]) ?? null;
+      const start = given
+        ? (place(given)[0] ?? null)
+        : plan.request.vehicles
+          ? null
+          : this.lastPhotograph(plan);
       const way = stops.flatMap((stop) => [...stop.via.flatMap(place), ...place(stop.pose)]);
       const back = plan.request.home && start ? [...via_home.flatMap(place), start] : [];
       return {
@@ -177,6 +193,7 @@ export class MapContents {
     photographs: this.photographs.value,
     footprints: this.footprints.value,
     overlap: this.overlap.value,
+    forecast: this.forecast.value,
     candidates: this.candidates.value,
     reach: this.reach.value,
     tours: this.tours.value,
@@ -200,6 +217,13 @@ export class MapContents {
       const point = this.frame.value.ofPlace({ ...place, altitude_m });
       return point ? [[point[0], point[1]]] : [];
     });
+  }
+
+  /** Where a plan's vehicle is that was not given: at the last registered image. */
+  private lastPhotograph(plan: Schemas["Plan"]): Flat | null {
+    const view =
+      plan.snapshot_id === this.snapshotId.value ? this.store.cameras.value?.views.at(-1) : undefined;
+    return this.photographs.value.find((one) => one.digest === view?.image)?.at ?? null;
   }
 
   private lensOf(digest: string): PinholeIntrinsics | null {
@@ -247,6 +271,14 @@ export class MapContents {
       report(error);
     }
   }
+}
+
+/** A place of the surface as a pose. */
+function withAngles(given: Schemas["Stop"]["pose"] | Schemas["FramePosition"] | Schemas["GeodeticPosition"]) {
+  if ("orientation_wxyz" in given || "yaw_deg" in given) return given;
+  if ("latitude_deg" in given) return { ...given, yaw_deg: 0, pitch_deg: -90, roll_deg: 0 };
+  const frame = given.frame === "model" ? ("model" as const) : ("world" as const);
+  return { frame, position: given.position, orientation_wxyz: [1, 0, 0, 0] as Quaternion };
 }
 
 function viewDirection({ orientation: [w, x, y, z] }: Camera): Flat {

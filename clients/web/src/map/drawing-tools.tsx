@@ -56,7 +56,8 @@ export function DrawingTools({ map }: { map: MapState }) {
   );
 }
 
-const FAR_M = 100_000;
+/** Places farther from the scene are mistakes. */
+export const FAR_M = 100_000;
 
 /** A corner by its coordinates. */
 function TypedCorner({ map }: { map: MapState }) {

@@ -54,6 +54,8 @@ function Legend({ layer, map }: { layer: Layer; map: MapState }) {
       return <FootprintLegend map={map} />;
     case "overlap":
       return <OverlapLegend map={map} />;
+    case "forecast":
+      return <ForecastLegend map={map} />;
     case "candidates":
       return contents.candidates.value.length ? <RankLegend /> : null;
     case "plan":
@@ -122,16 +124,39 @@ function OverlapLegend({ map }: { map: MapState }) {
   );
 }
 
-function RankLegend() {
+function ForecastLegend({ map }: { map: MapState }) {
   const { legend } = strings.map;
-  const stops = [0, 0.25, 0.5, 0.75, 1].map((at) => cssOf(colourOf(at, theme.value))).join(", ");
+  const forecast = map.contents.forecast.value;
+  if (forecast === null) return <p class="hint map-note">{legend.noForecast}</p>;
+  const text = (value: number) => value.toFixed(forecast.unit === "dB" ? 1 : 2);
   return (
     <ul>
-      <li class="map-scale">
-        {legend.best}
-        <span style={{ backgroundImage: `linear-gradient(to right, ${stops})` }} />
-        {legend.worst}
-      </li>
+      <li>{legend[forecast.unit]}</li>
+      <Scale
+        from={`${text(forecast.worst)} ${legend.unknown}`}
+        to={`${text(forecast.best)} ${legend.known}`}
+      />
+    </ul>
+  );
+}
+
+/** The colour map of the page, from what stands out most. */
+function Scale({ from, to }: { from: string; to: string }) {
+  const stops = [0, 0.25, 0.5, 0.75, 1].map((at) => cssOf(colourOf(at, theme.value))).join(", ");
+  return (
+    <li class="map-scale">
+      {from}
+      <span style={{ backgroundImage: `linear-gradient(to right, ${stops})` }} />
+      {to}
+    </li>
+  );
+}
+
+function RankLegend() {
+  const { legend } = strings.map;
+  return (
+    <ul>
+      <Scale from={legend.best} to={legend.worst} />
       <Key sign="ring muted" text={legend.notRanked} />
     </ul>
   );

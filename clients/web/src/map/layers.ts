@@ -13,9 +13,7 @@ export const LAYERS = [
 export type Layer = (typeof LAYERS)[number];
 
 /** The layers that are shown. */
-export const shownLayers = signal<ReadonlySet<Layer>>(
-  new Set(LAYERS.filter((layer) => layer !== "overlap" && layer !== "forecast")),
-);
+export const shownLayers = signal<ReadonlySet<Layer>>(new Set(LAYERS.filter((layer) => layer !== "overlap")));
 
 export function toggleLayer(layer: Layer): void {
   const shown = new Set(shownLayers.value);

@@ -2,6 +2,7 @@ import { batch, computed, signal } from "@preact/signals";
 import type { SceneStore } from "../store/scene";
 import { theme } from "../theme";
 import { MapContents } from "./contents";
+import { forecastValue } from "./forecast-grid";
 import { gapAt, valueAt } from "./ground-grid";
 import { shownLayers } from "./layers";
 import type { Picture } from "./paint";
@@ -13,10 +14,12 @@ import { fitted, fromScreen, moved, toScreen, type Viewport, zoomed } from "./vi
 const LEAST_M = 20;
 /** Fewer photographs than this at a place are a gap: a point needs two rays, and a third to check them. */
 export const ENOUGH = 3;
+/** From this share on of what a forecast does not know, a place is a gap. */
+const MUCH = 2 / 3;
 
 /** A place that photographs or the model cover too little, and what is around it. */
 export interface Gap {
-  kind: "overlap";
+  kind: "overlap" | "variance" | "dB";
   value: number;
   corners: Flat[];
 }
@@ -222,7 +225,12 @@ export class MapState {
   private gapAt(place: Flat): Gap | null {
     const grid = shownLayers.value.has("overlap") ? this.contents.overlap.value : null;
     const corners = grid && gapAt(grid, place, (count) => count < ENOUGH);
-    return corners && { kind: "overlap", value: valueAt(grid, place), corners };
+    if (corners) return { kind: "overlap", value: valueAt(grid, place), corners };
+    const forecast = shownLayers.value.has("forecast") ? this.contents.forecast.value : null;
+    const unknown = forecast && gapAt(forecast.grid, place, (share) => share >= MUCH);
+    if (!unknown) return null;
+    const value = forecastValue(forecast, valueAt(forecast.grid, place));
+    return { kind: forecast.unit, value, corners: unknown };
   }
 
   private distance(point: Flat, at: Flat): number {

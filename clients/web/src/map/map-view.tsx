@@ -2,6 +2,8 @@ import { useEffect, useState } from "preact/hooks";
 import type { SceneProps } from "../scene/scene-page";
 import { SelectionCard } from "../scene/selection-card";
 import { strings } from "../strings";
+import { BasemapBelow } from "./basemap-below";
+import { DrawingFiles } from "./drawing-files";
 import { DrawingForm } from "./drawing-form";
 import { DrawingTools } from "./drawing-tools";
 import { GapCard } from "./gap-card";
@@ -20,6 +22,7 @@ export function MapView({ store }: SceneProps) {
   const texts = strings.map;
   return (
     <div class="map">
+      <BasemapBelow map={map} />
       <MapCanvas map={map} />
       <p id="map-keys" class="visually-hidden">
         {texts.keys}
@@ -36,6 +39,7 @@ export function MapView({ store }: SceneProps) {
           </p>
         )}
         {enu !== null && <DrawingTools map={map} />}
+        {enu !== null && <DrawingFiles map={map} />}
         <DrawingForm map={map} />
         <GapCard map={map} />
         <SelectionCard store={store} />

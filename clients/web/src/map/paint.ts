@@ -4,7 +4,7 @@ import type { Drawing, Selection } from "../store/scene";
 import type { Theme } from "../theme";
 import type { MapContents } from "./contents";
 import type { Layer } from "./layers";
-import { overlapColour, paintGrid, paintMetreGrid } from "./paint-ground";
+import { overlapColour, paintGrid, paintMetreGrid, unknownColour } from "./paint-ground";
 import type { Palette } from "./palette";
 import { Pen } from "./pen";
 import type { Flat } from "./polygons";
@@ -47,6 +47,8 @@ export function paintMap(context: CanvasRenderingContext2D, picture: Picture): v
   }
   if (layers.has("overlap") && contents.overlap)
     paintGrid(context, view, contents.overlap, theme, overlapColour);
+  if (layers.has("forecast") && contents.forecast)
+    paintGrid(context, view, contents.forecast.grid, theme, (share) => unknownColour(share, theme));
   const pen = new Pen(context, view, colours);
   if (layers.has("footprints")) paintFootprints(pen, picture);
   if (layers.has("drawings")) {

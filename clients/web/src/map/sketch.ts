@@ -60,12 +60,13 @@ export class Sketch {
   }
 
   /** A new drawing with these corners, which becomes the chosen one. */
-  keep(use: Drawing["use"], corners: readonly Flat[]): void {
+  keep(use: Drawing["use"], corners: readonly Flat[], heights: Partial<Drawing> = {}): void {
     const drawing: Drawing = {
       id: `drawing-${Date.now()}-${this.store.drawings.value.length}`,
       use,
       corners: corners.map((corner) => this.placeOf(corner)),
       ...this.usualHeights(use),
+      ...heights,
     };
     this.store.drawings.value = [...this.store.drawings.value, drawing];
     this.store.chosenDrawing.value = drawing.id;
