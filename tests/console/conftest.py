@@ -1,12 +1,13 @@
 """A browser, and services whose pages it opens."""
 
+import contextlib
 import os
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 
 import pytest
 from browser import SOFTWARE_GL, chromium, running_browser
-from fvs_client import Client, Scene
+from fvs_client import Client, FvsError, Scene
 from fvs_service.serving.running import RunningService, running_service
 from photographs_with_gps import photographs_with_gps
 from playwright.sync_api import Browser
@@ -81,3 +82,18 @@ def courtyard(client: Client, photographs: list[Path]) -> Scene:
     scene.images.upload(photographs[:8])
     scene.update().wait()
     return scene
+
+
+@pytest.fixture
+def new_scene(client: Client) -> Iterator[Callable[[str], Scene]]:
+    """Makes scenes for one test."""
+    made: list[Scene] = []
+
+    def make(name: str) -> Scene:
+        made.append(client.scenes.create(name))
+        return made[-1]
+
+    yield make
+    for scene in made:
+        with contextlib.suppress(FvsError):  # the test may have deleted it
+            scene.delete()

@@ -1,6 +1,7 @@
 """``make demo KEEP=1`` leaves its page open until it is told to stop."""
 
 import re
+import shutil
 import signal
 import subprocess
 import sys
@@ -14,7 +15,9 @@ PROGRAM = Path(__file__).parents[2] / "demo" / "run.py"
 
 
 def test_its_page_stays_open_until_ctrl_c(photographs: list[Path], tmp_path: Path) -> None:
-    command = [sys.executable, str(PROGRAM), str(photographs[0].parent), "--keep", "--out", str(tmp_path)]
+    for file in photographs[:5]:
+        shutil.copy(file, tmp_path)
+    command = [sys.executable, str(PROGRAM), str(tmp_path), "--keep", "--out", str(tmp_path / "out")]
     with subprocess.Popen(
         [*command, "--iterations", "60", "--long-side", "96", "--generator", "orbit"],
         stdout=subprocess.PIPE,

@@ -64,7 +64,7 @@ def test_a_service_that_starts_again_is_followed_again(open_page: Opener, tmp_pa
     with running_service(root, log, SMALL, port=port), Client(service.url) as client:
         expect(page.get_by_text("Live")).to_be_visible()
         client.scenes.get(scene.id).delete()
-        expect(page.get_by_text("No longer updated")).to_be_visible()
+        expect(page.get_by_role("heading", name="This scene was deleted.")).to_be_visible()
         open_page.close()
 
 

@@ -1,0 +1,94 @@
+"""What can go wrong is said in a sentence; the page is never blank."""
+
+from collections.abc import Callable
+from pathlib import Path
+
+import pytest
+from fvs_client import Scene
+from fvs_service.serving.running import RunningService
+from playwright.sync_api import expect
+from watched_pages import Opener
+
+ENDLESS = 100_000
+NewScene = Callable[[str], Scene]
+
+
+def test_a_photograph_whose_name_is_html_is_a_photograph(
+    open_page: Opener, console_service: RunningService, new_scene: NewScene, photographs: list[Path]
+) -> None:
+    name = "<img src=x onerror=alert(1)><b>bold.jpg"
+    scene = new_scene("<i>markup</i>")
+    page, watch = open_page(console_service.url, f"#/scenes/{scene.id}/view3d/photographs")
+    expect(page.get_by_role("heading", name="<i>markup</i>")).to_be_visible()
+    file = {"name": name, "mimeType": "image/jpeg", "buffer": photographs[0].read_bytes()}
+    page.locator("input[type=file]").set_input_files(file)  # type: ignore[arg-type]
+    row = page.get_by_role("listbox", name="Photographs").get_by_role("option")
+    expect(row).to_contain_text(name)
+    row.click()
+    expect(page.get_by_role("region", name=name)).to_be_visible()
+    assert page.locator("img, b").count() == 0
+    assert watch.problems == []
+
+
+def test_a_file_that_is_no_photograph_is_said(
+    open_page: Opener, console_service: RunningService, new_scene: NewScene, photographs: list[Path]
+) -> None:
+    scene = new_scene("verdicts")
+    page, _ = open_page(console_service.url, f"#/scenes/{scene.id}/view3d/photographs")
+    torn = photographs[0].read_bytes()[:2000]
+    page.locator("input[type=file]").set_input_files(
+        [
+            {"name": "notes.txt", "mimeType": "text/plain", "buffer": b"no photograph"},
+            {"name": "torn.jpg", "mimeType": "image/jpeg", "buffer": torn},
+        ]
+    )
+    expect(page.get_by_text("notes.txt is not a photograph, and is not sent.")).to_be_visible()
+    row = page.get_by_role("listbox", name="Photographs").get_by_role("option")
+    expect(row).to_contain_text("torn.jpg")
+    expect(row).to_contain_text("Unreadable")
+
+
+@pytest.mark.parametrize("stage", ["view3d", "map", "compare"])
+def test_a_scene_without_a_model_says_what_to_do(
+    open_page: Opener, console_service: RunningService, new_scene: NewScene, stage: str
+) -> None:
+    scene = new_scene("empty")
+    page, _ = open_page(console_service.url, f"#/scenes/{scene.id}/{stage}/photographs")
+    expect(page.get_by_role("heading", name="No photographs yet")).to_be_visible()
+    for panel in ("Work",):
+        page.get_by_role("navigation", name="What is done").get_by_role("link", name=panel).click()
+        expect(page.locator(".panel")).to_contain_text("odel")
+        expect(page.locator(".stage")).not_to_have_text("")
+
+
+def test_a_job_is_cancelled_and_retried(
+    open_page: Opener, console_service: RunningService, new_scene: NewScene, photographs: list[Path]
+) -> None:
+    scene = new_scene("long")
+    scene.images.upload(photographs[:8])
+    scene.update(iterations=ENDLESS)
+    page, _ = open_page(console_service.url, f"#/scenes/{scene.id}/view3d/work")
+    job = page.get_by_role("article", name="Update")
+    job.get_by_role("button", name="Cancel").click()
+    page.get_by_role("dialog").get_by_role("button", name="Cancel the job").click()
+    expect(job).to_contain_text("Cancelled", timeout=60_000)
+    job.get_by_role("button", name="Retry").click()
+    expect(job.get_by_role("button", name="Cancel")).to_be_visible()
+    scene.delete()
+    expect(page.get_by_role("heading", name="This scene was deleted.")).to_be_visible()
+
+
+def test_a_model_that_is_deleted_under_the_page_leaves_the_newest(
+    open_page: Opener, console_service: RunningService, courtyard: Scene
+) -> None:
+    oldest = list(courtyard.snapshots.list())[-1]
+    newest = courtyard.snapshots.latest()
+    assert newest is not None
+    assert oldest.id != newest.id
+    page, _ = open_page(console_service.url, f"#/scenes/{courtyard.id}/view3d/work")
+    models = page.locator(".snapshot-card")
+    models.last.get_by_role("button", name="Show the model of").click()
+    expect(models.last).to_contain_text("shown")
+    oldest.delete()
+    expect(models.first).to_contain_text("shown")
+    expect(page.get_by_text("The shown model was deleted; the newest is shown.")).to_be_visible()
