@@ -3,6 +3,9 @@ import { artifactPath } from "../api/artifacts";
 import { bytes } from "../api/service";
 import type { Owned, WebglLayers } from "./webgl";
 
+const WAIT_MS = 50;
+const MOST_WAITS = 200;
+
 /** Gaussians; `sorted` comes when they are in order for the first time, and so seen. */
 export type Splat = Owned & { sorted: Promise<void> };
 
@@ -53,7 +56,11 @@ export async function loadSplat(
   group.add(renderer, mesh);
   return Object.assign(group, {
     sorted,
-    release: () => {
+    release: async () => {
+      // What is being sorted cannot be interrupted.
+      renderer.sortDirty = false;
+      for (let wait = 0; renderer.sorting && wait < MOST_WAITS; wait++)
+        await new Promise((done) => setTimeout(done, WAIT_MS));
       mesh.dispose();
       renderer.dispose();
       renderer.geometry.dispose();

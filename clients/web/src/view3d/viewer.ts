@@ -18,6 +18,7 @@ import { between, framing, lookAt, orbit, type Viewpoint } from "./viewpoint";
 const TRAVEL_MS = 450;
 const REST_MS = 180;
 const MEASURED_FRAMES = 4;
+const SMALLEST_RENDER_PX = 64;
 
 /** The 3D view of a scene: what its stage shows, and from where. It draws only when something has changed. */
 export class Viewer implements Navigated {
@@ -30,6 +31,8 @@ export class Viewer implements Navigated {
   private waiting = 0;
   private resting: ReturnType<typeof setTimeout> | undefined;
   private disposed = false;
+  /** Counts what the model was to be drawn by; only the last counts. */
+  private turn = 0;
   private readonly source: ModelSource;
   private readonly snapshotId = computed(() => this.store.snapshot.value?.id);
   private readonly navigation: Navigation;
@@ -69,7 +72,7 @@ export class Viewer implements Navigated {
       this.moved(false);
     });
     this.observer.observe(host);
-    void this.stage.begin().then(() => this.follow());
+    this.follow();
   }
 
   get lens() {
@@ -100,7 +103,6 @@ export class Viewer implements Navigated {
 
   /** Follow the store and what is chosen in the view. */
   private follow(): void {
-    if (this.disposed) return;
     const { store, state, stage } = this;
     this.ends.push(
       effect(() => this.showContent()),
@@ -171,27 +173,35 @@ export class Viewer implements Navigated {
   }
 
   private showModel(): void {
-    const { state, source, stage } = this;
+    const { state } = this;
     const id = this.snapshotId.value;
-    const local = state.local.value && !state.contextLost.value;
-    untracked(() => {
-      const { layers } = stage;
-      if (id !== undefined && local && layers) {
-        stage.forgetRender();
-        const onDirty = () => this.invalidate();
-        void source.loadSplat(id, layers, onDirty).then((drawn) => drawn && this.measure());
-        return;
-      }
-      layers?.set("splat", null);
-      if (id === undefined) {
-        stage.forgetRender();
-        source.restart();
-        state.model.value = { kind: "none" };
-      } else {
-        source.useService(id);
-        this.moved(false);
-      }
+    const lost = state.contextLost.value;
+    const local = state.local.value && !lost;
+    const turn = ++this.turn;
+    untracked(async () => {
+      await this.stage.useWebgl(local || (state.gl === "hardware" && !lost));
+      if (turn === this.turn && !this.disposed) this.showModelOf(id, local);
     });
+  }
+
+  private showModelOf(id: string | undefined, local: boolean): void {
+    const { state, source, stage } = this;
+    const { layers } = stage;
+    if (id !== undefined && local && layers) {
+      stage.forgetRender();
+      const onDirty = () => this.invalidate();
+      void source.loadSplat(id, layers, onDirty).then((drawn) => drawn && this.measure());
+      return;
+    }
+    layers?.set("splat", null);
+    if (id === undefined) {
+      stage.forgetRender();
+      source.restart();
+      state.model.value = { kind: "none" };
+    } else {
+      source.useService(id);
+      this.moved(false);
+    }
   }
 
   private highlight(): void {
@@ -236,7 +246,11 @@ export class Viewer implements Navigated {
     const { frame } = this.lens;
     const { width_px, height_px } = this.stage.content.intrinsics;
     const seen = Math.max(frame.width, frame.height) * devicePixelRatio;
-    this.source.request(this.view, moving, Math.min(seen, Math.max(width_px, height_px)));
+    this.source.request(
+      this.view,
+      moving,
+      Math.min(Math.max(seen, SMALLEST_RENDER_PX), Math.max(width_px, height_px)),
+    );
     if (moving) this.resting = setTimeout(() => this.moved(false), REST_MS);
     else if (this.placed) this.state.last.set(this.store.id, { view: this.view, cameras: this.cameras });
   }

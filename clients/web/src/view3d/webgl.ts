@@ -23,7 +23,7 @@ import type { Points } from "./ply";
 import type { Viewpoint } from "./viewpoint";
 
 /** An object that frees what it has on the graphics card. */
-export type Owned = Object3D & { release: () => void };
+export type Owned = Object3D & { release: () => void | Promise<void> };
 
 /** Lines of one colour. */
 export interface Strokes {
@@ -43,6 +43,7 @@ export class WebglLayers {
   readonly scene = new Scene();
   readonly camera = new PerspectiveCamera();
   private readonly layers = new Map<Layer | "highlight", Owned>();
+  private readonly released: Promise<void>[] = [];
   private origin: Triple = [0, 0, 0];
   private radius = 1;
 
@@ -140,7 +141,8 @@ export class WebglLayers {
     const before = this.layers.get(layer);
     if (before) {
       this.scene.remove(before);
-      before.release();
+      const released = before.release();
+      if (released) this.released.push(released);
       this.layers.delete(layer);
     }
     if (object) {
@@ -188,8 +190,9 @@ export class WebglLayers {
   }
 
   /** Free the context with all that it has. */
-  dispose(): void {
+  async dispose(): Promise<void> {
     for (const layer of [...this.layers.keys()]) this.set(layer, null);
+    await Promise.all(this.released);
     const lost = this.renderer.getContext().isContextLost();
     this.renderer.dispose();
     if (!lost) this.renderer.forceContextLoss();
