@@ -1,3 +1,4 @@
+import { useRef } from "preact/hooks";
 import { go, route } from "../router";
 import type { Place, SceneStore } from "../store/scene";
 import { strings } from "../strings";
@@ -12,12 +13,15 @@ const texts = strings.views.form;
 
 /** Takes a place by the next click on the map, which is shown for it. */
 export function PickPlace({ store, place, onPlace }: PickPlaceProps) {
-  const waiting = store.pick.value !== null;
+  const mine = useRef<((place: Place) => void) | null>(null);
+  const waiting = store.pick.value !== null && store.pick.value === mine.current;
   const pick = () => {
-    store.pick.value = (clicked) => {
+    if (waiting) {
       store.pick.value = null;
-      onPlace(clicked);
-    };
+      return;
+    }
+    mine.current = onPlace;
+    store.pick.value = onPlace;
     const now = route.value;
     if (now.page === "scene" && now.stage !== "map") go({ ...now, stage: "map" });
   };
@@ -25,7 +29,12 @@ export function PickPlace({ store, place, onPlace }: PickPlaceProps) {
   return (
     <span class="pick">
       {place && <span>{texts.place(digits(place.latitude_deg), digits(place.longitude_deg))}</span>}
-      <button type="button" onClick={pick} disabled={!store.frames.value?.georeferenced}>
+      <button
+        type="button"
+        aria-pressed={waiting}
+        onClick={pick}
+        disabled={!store.frames.value?.georeferenced}
+      >
         {waiting ? texts.clickNow : texts.clickMap}
       </button>
     </span>

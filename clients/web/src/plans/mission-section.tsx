@@ -27,7 +27,7 @@ const texts = strings.plans.mission;
 /** Writes files for autopilots and ground stations from the shown ranking or plan, or the photographs. */
 export function MissionSection({ store }: { store: SceneStore }) {
   const state = missionState(store);
-  const form = state.form.value;
+  const form = state.usable();
   const set = (change: Partial<MissionForm>) => {
     state.form.value = { ...state.form.peek(), ...change };
   };
@@ -35,8 +35,6 @@ export function MissionSection({ store }: { store: SceneStore }) {
     event.preventDefault();
     void state.prepare();
   };
-  const georeferenced = store.frames.value?.georeferenced ?? false;
-  const unwritable = objection(form.format, georeferenced, metric(store));
   const flown = isFlown(form.format);
   return (
     <section aria-label={texts.title}>
@@ -52,7 +50,7 @@ export function MissionSection({ store }: { store: SceneStore }) {
           </CheckField>
           <p class="actions">
             {state.busy.value && <span role="status">{texts.preparing}</span>}
-            <button type="submit" class="primary" disabled={state.busy.value || unwritable !== null}>
+            <button type="submit" class="primary" disabled={state.busy.value}>
               {texts.prepare}
             </button>
           </p>
@@ -117,7 +115,6 @@ function FormatFields({ store, form, onChange }: FieldsProps) {
     const title = texts.formats[value];
     return { value, title: reason ? texts.unavailable(title, reason) : title, disabled: reason !== null };
   });
-  const reason = objection(form.format, georeferenced, metric(store));
   return (
     <div class="fields">
       <SelectField
@@ -125,7 +122,6 @@ function FormatFields({ store, form, onChange }: FieldsProps) {
         value={form.format}
         onValue={(format) => onChange({ format })}
         options={options}
-        {...(reason && { hint: reason })}
       />
       {isMavlink(form.format) && (
         <SelectField
@@ -159,7 +155,7 @@ function Files({ store }: { store: SceneStore }) {
   if (!prepared) return null;
   if (prepared.key !== state.key()) return <p class="warning">{texts.changed}</p>;
   const { parts } = prepared;
-  const form = state.form.value;
+  const form = state.usable();
   const speed = numberOf(form.speed) ?? Number(MISSION.speed);
   const hold = numberOf(form.hold) ?? Number(MISSION.hold);
   const time = (part: MissionPart) => (part.route ? flightTime(part.route, speed, hold) : 0);

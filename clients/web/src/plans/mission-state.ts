@@ -1,8 +1,9 @@
 import { effect, type Signal, signal } from "@preact/signals";
 import { perScene } from "../store/per-scene";
 import type { SceneStore } from "../store/scene";
+import { metric } from "../views/site";
 import { type MissionPart, missionParts } from "./mission-files";
-import { MISSION, type MissionForm } from "./mission-form";
+import { MISSION, type MissionForm, type MissionSource, objection } from "./mission-form";
 
 /** Which files were prepared, and for what. */
 export interface Prepared {
@@ -26,10 +27,33 @@ export class MissionState {
     effect(() => sessionStorage.setItem(name, JSON.stringify(this.form.value)));
   }
 
+  /** The form with a source that is there and a format that can be written, where what was chosen is not. */
+  usable(): MissionForm {
+    const form = this.form.value;
+    const { ranking, plan, frames } = this.store;
+    const ready: Record<MissionSource, boolean> = {
+      plan: plan.value !== null,
+      ranking: ranking.value !== null,
+      photographs: true,
+    };
+    const source = ready[form.source]
+      ? form.source
+      : ready.plan
+        ? "plan"
+        : ready.ranking
+          ? "ranking"
+          : "photographs";
+    const georeferenced = frames.value?.georeferenced ?? false;
+    const formats = [form.format, "qgc-plan", "ros-posearray", "nerfstudio"] as const;
+    const writable = (one: MissionForm["format"]) =>
+      objection(one, georeferenced, metric(this.store)) === null;
+    return { ...form, source, format: formats.find(writable) ?? "nerfstudio" };
+  }
+
   /** What files are made of now. */
   key(): string {
     const { ranking, plan, drawings } = this.store;
-    return JSON.stringify([this.form.value, ranking.value?.id, plan.value?.id, drawings.value]);
+    return JSON.stringify([this.usable(), ranking.value?.id, plan.value?.id, drawings.value]);
   }
 
   /** Write all files of the mission. */
@@ -49,7 +73,7 @@ export class MissionState {
       drawings: drawings.peek(),
     };
     try {
-      const parts = await missionParts(this.form.peek(), material, aborter.signal);
+      const parts = await missionParts(this.usable(), material, aborter.signal);
       this.prepared.value = { key, parts };
     } catch (error) {
       if (!aborter.signal.aborted) this.failure.value = error;

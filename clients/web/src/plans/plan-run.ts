@@ -2,6 +2,7 @@ import { signal } from "@preact/signals";
 import { api, data } from "../api/service";
 import { perScene } from "../store/per-scene";
 import type { SceneStore } from "../store/scene";
+import { followChosenDrawing } from "../views/chosen-drawing";
 import { siteOf } from "../views/site";
 import { type From, PLAN, planRequest } from "./plan-form";
 
@@ -14,7 +15,9 @@ export class PlanRun {
 
   private from: From | null = null;
 
-  constructor(private readonly store: SceneStore) {}
+  constructor(private readonly store: SceneStore) {
+    followChosenDrawing(store, this.form);
+  }
 
   /** Plan what the form says. */
   async start(): Promise<void> {

@@ -38,7 +38,7 @@ function PlanFormSection({ store }: { store: SceneStore }) {
   const run = planRun(store);
   const form = run.form.value;
   const set = (change: Partial<PlanForm>) => {
-    run.form.value = { ...form, ...change };
+    run.form.value = { ...run.form.peek(), ...change };
   };
   const unit = strings.views.unit[metric(store) ? "metres" : "units"];
   const drawings = store.drawings.value;

@@ -6,6 +6,7 @@ import type { SceneStore } from "../store/scene";
 import { strings } from "../strings";
 import { CandidateCard } from "../views/candidate-card";
 import type { SceneProps } from "./scene-page";
+import "./selection-card.css";
 
 /** What is selected, on the stage: an image with its photograph, a candidate, or a stop of a plan. */
 export function SelectionCard({ store }: SceneProps) {

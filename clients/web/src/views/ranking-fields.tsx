@@ -17,7 +17,7 @@ export function RankingFields({ store }: { store: SceneStore }) {
   const { form: state } = rankingRun(store);
   const form = state.value;
   const set = (change: Partial<RankingForm>) => {
-    state.value = { ...form, ...change };
+    state.value = { ...state.peek(), ...change };
   };
   const unit = strings.views.unit[metric(store) ? "metres" : "units"];
   const drawings = store.drawings.value;

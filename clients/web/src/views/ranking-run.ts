@@ -4,6 +4,7 @@ import type { Schemas } from "../api/service";
 import { perScene } from "../store/per-scene";
 import type { SceneStore } from "../store/scene";
 import { expectedOf } from "./candidates-form";
+import { followChosenDrawing } from "./chosen-drawing";
 import { RANKING, rankingRequest } from "./ranking-form";
 import { siteOf } from "./site";
 
@@ -27,6 +28,7 @@ export class RankingRun {
   private aborter = new AbortController();
 
   constructor(private readonly store: SceneStore) {
+    followChosenDrawing(store, this.form);
     let ranked = store.snapshots.peek()[0]?.id;
     effect(() => {
       const newest = store.snapshots.value[0]?.id;

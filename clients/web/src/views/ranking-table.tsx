@@ -1,4 +1,4 @@
-import { useEffect, useRef, useState } from "preact/hooks";
+import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import type { Schemas } from "../api/service";
 import type { SceneStore } from "../store/scene";
 import { strings } from "../strings";
@@ -30,11 +30,20 @@ export function RankingTable({ store, candidates }: RankingTableProps) {
   const first = Math.min(page, Math.floor(Math.max(0, rows.length - 1) / PAGE)) * PAGE;
   const shown = rows.slice(first, first + PAGE);
   const current = at >= first && at < first + PAGE ? at - first : 0;
+  const focusSelected = useRef(false);
+  useLayoutEffect(() => {
+    const row = body.current?.querySelector<HTMLElement>("tr[aria-selected='true']");
+    if (!focusSelected.current || !row) return;
+    focusSelected.current = false;
+    row.focus();
+  });
   const select = (index: number) => {
-    const row = rows[Math.max(0, Math.min(rows.length - 1, index))];
+    const at = Math.max(0, Math.min(rows.length - 1, index));
+    const row = rows[at];
     if (!row) return;
+    focusSelected.current = true;
+    setPage(Math.floor(at / PAGE));
     store.selection.value = { kind: "candidate", id: row.id };
-    requestAnimationFrame(() => body.current?.querySelector<HTMLElement>("tr[tabindex='0']")?.focus());
   };
   const onKeyDown = (event: KeyboardEvent, index: number) => {
     const to = target(event.key, index, rows.length);
