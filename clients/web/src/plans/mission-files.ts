@@ -33,8 +33,36 @@ export interface Route {
   length_m: number;
 }
 
-/** All files of a mission, in order. Throws `ServiceError` and `FormError`. */
+/** All files of a mission, in order: those of each vehicle of a plan. Throws `ServiceError` and `FormError`. */
 export async function missionParts(
+  form: MissionForm,
+  material: MissionMaterial,
+  signal: AbortSignal,
+): Promise<MissionPart[]> {
+  const vehicles = form.source === "plan" && form.vehicle === "" ? flying(material.plan) : [];
+  if (vehicles.length < 2)
+    return partsOfOne({ ...form, vehicle: vehicles[0] ?? form.vehicle }, material, signal);
+  const files: MissionPart[] = [];
+  for (const vehicle of vehicles) {
+    const parts = await partsOfOne({ ...form, vehicle }, material, signal);
+    files.push(...parts.map((part) => ({ ...part, name: `vehicle-${vehicle}-${part.name}` })));
+  }
+  return files;
+}
+
+/** The numbers of the vehicles that a plan needs. */
+export function flying(plan: Schemas["Plan"] | null): string[] {
+  const tours = plan?.tours.filter(({ stops }) => stops.length > 0) ?? [];
+  return tours.map(({ vehicle }) => String(vehicle));
+}
+
+/** The views that files leave out, each once. */
+export function allLeftOut(files: readonly MissionFile[]): LeftOut[] {
+  const byId = new Map(files.flatMap(({ leftOut }) => leftOut).map((one) => [one.id, one]));
+  return [...byId.values()];
+}
+
+async function partsOfOne(
   form: MissionForm,
   material: MissionMaterial,
   signal: AbortSignal,

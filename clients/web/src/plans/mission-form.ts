@@ -13,7 +13,7 @@ export type MissionSource = (typeof MISSION_SOURCES)[number];
 /** What the form of a mission says; empty fields leave the choice to the service. */
 export interface MissionForm {
   source: MissionSource;
-  /** The vehicle of the plan, from 1. */
+  /** The vehicle of the plan, from 1; empty: each. */
   vehicle: string;
   first: string;
   format: MissionFormat;
@@ -43,7 +43,7 @@ export interface MissionForm {
 
 export const MISSION: MissionForm = {
   source: "plan",
-  vehicle: "1",
+  vehicle: "",
   first: "8",
   format: "qgc-plan",
   autopilot: "ardupilot",

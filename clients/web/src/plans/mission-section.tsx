@@ -10,7 +10,7 @@ import { formatLength } from "../views/format";
 import { metric } from "../views/site";
 import { FlightFields } from "./flight-fields";
 import { HomeFields } from "./home-fields";
-import { flightTime, type MissionPart } from "./mission-files";
+import { allLeftOut, flightTime, flying, type MissionPart } from "./mission-files";
 import {
   isFlown,
   isMavlink,
@@ -70,7 +70,7 @@ interface FieldsProps {
 
 function SourceFields({ store, form, onChange }: FieldsProps) {
   const ready = { ranking: store.ranking.value !== null, plan: store.plan.value !== null, photographs: true };
-  const tours = store.plan.value?.tours.filter(({ stops }) => stops.length > 0) ?? [];
+  const vehicles = flying(store.plan.value);
   return (
     <div class="fields">
       <SelectField
@@ -92,15 +92,15 @@ function SourceFields({ store, form, onChange }: FieldsProps) {
           step={1}
         />
       )}
-      {form.source === "plan" && tours.length > 0 && (
+      {form.source === "plan" && vehicles.length > 1 && (
         <SelectField
           label={texts.vehicle}
-          value={form.vehicle}
+          value={vehicles.includes(form.vehicle) ? form.vehicle : ""}
           onValue={(vehicle) => onChange({ vehicle })}
-          options={tours.map(({ vehicle }) => ({
-            value: String(vehicle),
-            title: texts.vehicleNumber(String(vehicle)),
-          }))}
+          options={[
+            { value: "", title: texts.allVehicles },
+            ...vehicles.map((value) => ({ value, title: texts.vehicleNumber(value) })),
+          ]}
         />
       )}
     </div>
@@ -161,7 +161,7 @@ function Files({ store }: { store: SceneStore }) {
   const time = (part: MissionPart) => (part.route ? flightTime(part.route, speed, hold) : 0);
   const total = (of: (part: MissionPart) => number) => parts.reduce((sum, part) => sum + of(part), 0);
   const length = total((part) => part.route?.length_m ?? 0);
-  const leftOut = parts[0]?.leftOut ?? [];
+  const leftOut = allLeftOut(parts);
   return (
     <div role="status" class="files">
       {parts[0]?.route && (

@@ -27,7 +27,7 @@ describe("the mission of a scene", () => {
     const store = storeWith(true);
     const state = new MissionState(store);
     const before = state.key();
-    store.plan.value = { id: "pln_1" } as SceneStore["plan"]["value"];
+    store.plan.value = { id: "pln_1", tours: [] } as unknown as SceneStore["plan"]["value"];
     expect(state.usable().source).toBe("plan");
     expect(state.key()).not.toBe(before);
   });

@@ -2,7 +2,7 @@ import { effect, type Signal, signal } from "@preact/signals";
 import { perScene } from "../store/per-scene";
 import type { SceneStore } from "../store/scene";
 import { metric } from "../views/site";
-import { type MissionPart, missionParts } from "./mission-files";
+import { flying, type MissionPart, missionParts } from "./mission-files";
 import { MISSION, type MissionForm, type MissionSource, objection } from "./mission-form";
 
 /** Which files were prepared, and for what. */
@@ -47,7 +47,8 @@ export class MissionState {
     const formats = [form.format, "qgc-plan", "ros-posearray", "nerfstudio"] as const;
     const writable = (one: MissionForm["format"]) =>
       objection(one, georeferenced, metric(this.store)) === null;
-    return { ...form, source, format: formats.find(writable) ?? "nerfstudio" };
+    const vehicle = flying(plan.value).includes(form.vehicle) ? form.vehicle : "";
+    return { ...form, source, vehicle, format: formats.find(writable) ?? "nerfstudio" };
   }
 
   /** What files are made of now. */

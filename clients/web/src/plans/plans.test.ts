@@ -1,7 +1,7 @@
-import { describe, expect, it } from "vitest";
+import { describe, expect, it, vi } from "vitest";
 import type { Schemas } from "../api/service";
 import { heightAt } from "./home";
-import { fileName, flightTime, leftOutOf, routeOf } from "./mission-files";
+import { allLeftOut, fileName, flightTime, leftOutOf, missionParts, routeOf } from "./mission-files";
 import { MISSION, type MissionForm, missionCall, missionQuery, objection } from "./mission-form";
 import { remembered } from "./mission-state";
 
@@ -76,6 +76,32 @@ describe("the request of a mission", () => {
   it("says what is missing", () => {
     expect(() => missionCall(form({}), { ...MATERIAL, plan: null }, 1)).toThrow("Show a plan");
     expect(() => missionQuery(form({ home: true }), [], 1)).toThrow("home");
+  });
+});
+
+describe("the files of a plan", () => {
+  it("are those of each vehicle that flies, with its number in their names", async () => {
+    const tour = (vehicle: number, stops: unknown[]) => ({ vehicle, stops, via_home: [] });
+    const plan = { id: "pln_1", tours: [tour(1, [{}]), tour(2, []), tour(3, [{}])] };
+    const asked: string[] = [];
+    vi.stubGlobal("fetch", async (request: Request) => {
+      asked.push(new URL(request.url).searchParams.get("vehicle") ?? "");
+      const headers = {
+        "Content-Disposition": 'attachment; filename="m.json"',
+        "Left-Out": `x${asked.length}`,
+      };
+      return new Response("{}", { headers });
+    });
+    const material = { ...MATERIAL, plan: plan as unknown as Schemas["Plan"] };
+    const files = await missionParts(
+      form({ format: "ros-posearray" }),
+      material,
+      new AbortController().signal,
+    );
+    vi.unstubAllGlobals();
+    expect(asked).toEqual(["1", "3"]);
+    expect(files.map(({ name }) => name)).toEqual(["vehicle-1-m.json", "vehicle-3-m.json"]);
+    expect(allLeftOut([...files, ...files]).map(({ id }) => id)).toEqual(["x1", "x2"]);
   });
 });
 

@@ -66,6 +66,7 @@ export const en = {
     },
     first: "How many of them",
     vehicle: "Vehicle",
+    allVehicles: "Each vehicle",
     vehicleNumber: (number: string) => `Vehicle ${number}`,
     format: "For",
     formats: {

@@ -98,7 +98,7 @@ function PoseFacts({ pose }: { pose: Schemas["RankedCandidate"]["pose"] }) {
           <span key={line}>{line}</span>
         ))}
       </p>
-      <button type="button" class="quiet" onClick={() => void copy().catch(report)}>
+      <button type="button" class="quiet copy" onClick={() => void copy().catch(report)}>
         {texts.copy}
       </button>
     </>
