@@ -8,6 +8,7 @@ import { footprintOf, lensOf } from "./footprints";
 import { forecastGrid } from "./forecast-grid";
 import { type Ground, groundOf, levelGround, type Terrain } from "./ground";
 import { overlapOf } from "./ground-grid";
+import { shownLayers } from "./layers";
 import { MapFrame } from "./map-frame";
 import type { Flat } from "./polygons";
 import { type Outline, outlineOf } from "./volume-outline";
@@ -192,7 +193,7 @@ export class MapContents {
   readonly painted = computed(() => ({
     photographs: this.photographs.value,
     footprints: this.footprints.value,
-    overlap: this.overlap.value,
+    overlap: shownLayers.value.has("overlap") ? this.overlap.value : null,
     forecast: this.forecast.value,
     candidates: this.candidates.value,
     reach: this.reach.value,

@@ -48,7 +48,8 @@ export function MapCanvas({ map }: { map: MapState }) {
 
 /** Paint at most once per frame of the screen. */
 function paintOnChange(canvas: HTMLCanvasElement, map: MapState): () => void {
-  const context = canvas.getContext("2d") as CanvasRenderingContext2D;
+  // Drawn by the processor, in some 10 ms: software that stands in for a GPU needs a second for so many shapes.
+  const context = canvas.getContext("2d", { willReadFrequently: true }) as CanvasRenderingContext2D;
   let waiting = 0;
   const stop = effect(() => {
     void map.picture.value;

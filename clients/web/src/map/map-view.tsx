@@ -46,7 +46,7 @@ export function MapView({ store }: SceneProps) {
       </div>
       <div class="map-right">
         <div class="map-buttons">
-          <button type="button" onClick={() => map.fit()} title={texts.fit} aria-label={texts.fit}>
+          <button type="button" onClick={() => map.fit()} title={texts.fit}>
             {texts.fitShort}
           </button>
           <button type="button" onClick={() => map.zoom(1.5)} title={texts.zoomIn} aria-label={texts.zoomIn}>
