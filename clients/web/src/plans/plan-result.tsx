@@ -3,6 +3,7 @@ import { WarningsList } from "../components/warnings-list";
 import type { SceneStore } from "../store/scene";
 import { strings } from "../strings";
 import { formatLength, formatShare } from "../views/format";
+import { shareCandidate } from "../views/same-view";
 import { metric } from "../views/site";
 
 const texts = strings.plans.result;
@@ -117,15 +118,19 @@ function TermsTable({ store, plan }: PlanProps) {
             {plan.candidates.map((terms) => (
               <tr key={terms.id}>
                 <td>
-                  <button
-                    type="button"
-                    class="link"
-                    onClick={() => {
-                      store.selection.value = { kind: terms.planned ? "stop" : "candidate", id: terms.id };
-                    }}
-                  >
-                    {terms.id}
-                  </button>
+                  {terms.planned || shareCandidate(terms.id, store.ranking.value, plan) ? (
+                    <button
+                      type="button"
+                      class="link"
+                      onClick={() => {
+                        store.selection.value = { kind: terms.planned ? "stop" : "candidate", id: terms.id };
+                      }}
+                    >
+                      {terms.id}
+                    </button>
+                  ) : (
+                    terms.id
+                  )}
                 </td>
                 <td>{terms.planned ? texts.yes : texts.no}</td>
                 <td class="number">{terms.gain.toFixed(4)}</td>

@@ -9,6 +9,7 @@ import { strings } from "../strings";
 import "./views.css";
 import { picturePath } from "./contact-sheet";
 import { formatLength, formatPose, formatScore, formatShare } from "./format";
+import { shareCandidate, visitsOf } from "./same-view";
 import { metric } from "./site";
 
 const texts = strings.views.card;
@@ -28,9 +29,10 @@ export function CandidateCard({ store, id }: CandidateCardProps) {
   const ranked = stopFirst ? undefined : ranking?.candidates.find((one) => one.id === id);
   const stop = ranked ? undefined : plan?.tours.flatMap((tour) => tour.stops).find((one) => one.id === id);
   const pose = ranked?.pose ?? stop?.pose;
-  const terms = plan?.candidates.find((one) => one.id === id);
+  const planned = stop !== undefined || shareCandidate(id, ranking, plan);
+  const terms = planned ? plan?.candidates.find((one) => one.id === id) : undefined;
   if (!pose) return <p class="hint">{texts.gone}</p>;
-  const visits = store.visits.value.filter((visit) => visit.candidate_id === id);
+  const visits = visitsOf(store, id, pose);
   return (
     <div class="candidate-card">
       {ranking && ranked && <RankedFacts store={store} ranking={ranking} candidate={ranked} />}
