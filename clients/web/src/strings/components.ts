@@ -3,8 +3,6 @@ export const en = {
   close: "Close",
   imageFailed: "This image cannot be shown.",
   unknown: "–",
-  copied: "Copied",
-  downloadFailed: "The download failed.",
   units: {
     bytes: ["B", "kB", "MB", "GB", "TB"],
     seconds: (n: number) => `${n} s`,

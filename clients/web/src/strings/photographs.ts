@@ -51,7 +51,6 @@ export const en = {
   },
   list: "Photographs",
   none: "No photograph is like that.",
-  loading: "Loading the photographs …",
   verdicts: {
     accepted: "Accepted",
     duplicate: "Duplicate",
@@ -83,7 +82,6 @@ export const en = {
     enlarge: "Show the whole photograph",
     state: "State",
     reason: "Why",
-    warnings: "Warnings",
     size: "Size",
     pixels: (width: number, height: number, bytes: string) => `${width} × ${height} px, ${bytes}`,
     taken: "Taken",
