@@ -1,21 +1,25 @@
 """Roll of views: a gimbal keeps the camera level."""
 
+import math
 from dataclasses import replace
 
 from fvs_service.missions.flight import Waypoint
 
-_STRAIGHT_DOWN_DEG = 1.0
 _LEVEL_DEG = 5.0
 
 
 def levelled(point: Waypoint) -> Waypoint:
-    """A view straight down, within 1°, with its roll as yaw, which turns its photograph alike.
+    """A view almost straight down, within 5°, with its roll as yaw, which turns its photograph alike.
 
-    There the direction that yaw is measured from is hardly known, and a level view may have any roll.
+    There the direction that yaw is measured from is hardly known, and a level view may have any roll: so have
+    estimated poses of photographs that were taken straight down. What is left of the tilt is flown as pitch.
     """
-    if 90.0 + point.pitch_deg > _STRAIGHT_DOWN_DEG:
+    tilt_deg = 90.0 + point.pitch_deg
+    if tilt_deg > _LEVEL_DEG:
         return point
-    return replace(point, yaw_deg=(point.yaw_deg + point.roll_deg) % 360.0, roll_deg=0.0)
+    along_deg = max(0.0, tilt_deg * math.cos(math.radians(point.roll_deg)))
+    yaw_deg = (point.yaw_deg + point.roll_deg) % 360.0
+    return replace(point, yaw_deg=yaw_deg, pitch_deg=along_deg - 90.0, roll_deg=0.0)
 
 
 def objection(view: Waypoint) -> str | None:
