@@ -13,6 +13,7 @@ import type { Strokes, WebglLayers } from "./webgl";
 
 const LINE_PX = 2;
 const HIGHLIGHT_PX = 4;
+const SMALLEST_RENDER_PX = 64;
 /** The layers that are lines between markers. */
 const LINED = ["images", "unregistered", "candidates", "visits", "route"] as const;
 /** How far the centre may move, in radii, before positions are taken relative to another place. */
@@ -135,6 +136,14 @@ export class Stage {
     this.setPoints(this.points);
     this.setSamples(this.samples);
     this.setHighlighted(this.highlighted);
+  }
+
+  /** The long side of a render that shows all that the canvas can show, in px. */
+  get renderSize(): number {
+    const { frame } = this.lens;
+    const { width_px, height_px } = this.content.intrinsics;
+    const seen = Math.max(frame.width, frame.height) * devicePixelRatio;
+    return Math.min(Math.max(seen, SMALLEST_RENDER_PX), Math.max(width_px, height_px));
   }
 
   showRender(bitmap: ImageBitmap): void {

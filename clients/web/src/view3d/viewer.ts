@@ -18,7 +18,6 @@ import { between, framing, lookAt, orbit, type Viewpoint } from "./viewpoint";
 const TRAVEL_MS = 450;
 const REST_MS = 180;
 const MEASURED_FRAMES = 4;
-const SMALLEST_RENDER_PX = 64;
 
 /** The 3D view of a scene: what its stage shows, and from where. It draws only when something has changed. */
 export class Viewer implements Navigated {
@@ -155,8 +154,10 @@ export class Viewer implements Navigated {
     let kept: Viewpoint | null = null;
     if (before === cameras) kept = this.placed ? this.view : null;
     else if (before && cameras) kept = carried(this.view, before, cameras);
-    if (kept) this.view = kept;
-    else if (cameras || this.stage.content.markers.length > 0) {
+    if (kept) {
+      this.view = kept;
+      if (before !== cameras) this.moved(false);
+    } else if (cameras || this.stage.content.markers.length > 0) {
       this.placed = true;
       this.goTo(firstView(this.stage.content, cameras, this.stage.frustum, this.lens), false);
     }
@@ -243,16 +244,10 @@ export class Viewer implements Navigated {
   private moved(moving: boolean): void {
     this.invalidate();
     clearTimeout(this.resting);
-    const { frame } = this.lens;
-    const { width_px, height_px } = this.stage.content.intrinsics;
-    const seen = Math.max(frame.width, frame.height) * devicePixelRatio;
-    this.source.request(
-      this.view,
-      moving,
-      Math.min(Math.max(seen, SMALLEST_RENDER_PX), Math.max(width_px, height_px)),
-    );
+    if (this.cameras === null) return; // without a model there is nothing to render
+    this.source.request(this.view, moving, this.stage.renderSize);
     if (moving) this.resting = setTimeout(() => this.moved(false), REST_MS);
-    else if (this.placed) this.state.last.set(this.store.id, { view: this.view, cameras: this.cameras });
+    else this.state.last.set(this.store.id, { view: this.view, cameras: this.cameras });
   }
 
   /** Measure how long a frame takes while the view turns; where that is long the service draws. */
