@@ -82,6 +82,12 @@ export class MapContents {
     return origin?.altitude_datum === "takeoff" ? levelGround(-origin.altitude_m) : null;
   });
 
+  /** Whether the ground is where the operator says. */
+  readonly groundIsAssumed = computed(
+    () =>
+      this.flightHeight.value !== null && this.terrain.value === null && this.store.cameras.value === null,
+  );
+
   /** The photographs that have a place, in the order in which they were taken. */
   readonly photographs = computed((): PlacedPhotograph[] => {
     const frame = this.frame.value;

@@ -74,14 +74,17 @@ function Legend({ layer, map }: { layer: Layer; map: MapState }) {
 function FootprintLegend({ map }: { map: MapState }) {
   const { contents } = map;
   const { legend } = strings.map;
-  if (contents.ground.value === null && contents.frame.value.enu !== null) return <FlightHeight map={map} />;
+  const asked = contents.ground.value === null || contents.groundIsAssumed.value;
   const registered = contents.footprints.value.some((one) => one.registered);
   const prior = contents.footprints.value.some((one) => !one.registered);
   return (
-    <ul>
-      {registered && <Key sign="line accent" text={legend.footprint} />}
-      {prior && <Key sign="line warn dashed" text={legend.priorFootprint} />}
-    </ul>
+    <>
+      {asked && contents.frame.value.enu !== null && <FlightHeight map={map} />}
+      <ul>
+        {registered && <Key sign="line accent" text={legend.footprint} />}
+        {prior && <Key sign="line warn dashed" text={legend.priorFootprint} />}
+      </ul>
+    </>
   );
 }
 
@@ -95,6 +98,7 @@ function FlightHeight({ map }: { map: MapState }) {
           type="number"
           min="1"
           step="1"
+          value={map.contents.flightHeight.value ?? ""}
           onChange={({ currentTarget }) => {
             const height = currentTarget.valueAsNumber;
             map.contents.flightHeight.value = height > 0 ? height : null;

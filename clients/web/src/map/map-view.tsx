@@ -28,7 +28,7 @@ export function MapView({ store }: SceneProps) {
         {texts.keys}
       </p>
       <div class="map-left">
-        {store.scene.value && enu === null && (
+        {store.scene.value && enu === null && everything.value.length > 0 && (
           <p class="map-card" role="status">
             {metric ? texts.planMetric : texts.plan} <span class="hint">{texts.planHint}</span>
           </p>

@@ -52,7 +52,7 @@ function imageOf({ columns, rows, values }: GroundGrid, colour: (value: number) 
     const at = 4 * (row * columns + (index % columns));
     pixels.data.set([...colour(value).map((part) => part * 255), 255], at);
   });
-  canvas.getContext("2d")?.putImageData(pixels, 0, 0);
+  canvas.getContext("2d", { willReadFrequently: true })?.putImageData(pixels, 0, 0); // beside the map, not on a GPU
   return canvas;
 }
 
