@@ -19,9 +19,9 @@ export class ForecastRun {
     effect(() => {
       const place = this.place.value;
       const ranking = place === "candidates" ? store.ranking.value : null;
-      const site = store.cameras.value && store.frames.value; // a new snapshot's cameras arrive after it
+      const ready = store.cameras.value !== null; // those of a new snapshot arrive after it
       if (place === null) store.forecast.value = null;
-      else if (site) untracked(() => void this.load(place, ranking));
+      else if (ready) untracked(() => void this.load(place, ranking));
     });
   }
 

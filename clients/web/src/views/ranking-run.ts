@@ -1,4 +1,4 @@
-import { effect, signal } from "@preact/signals";
+import { effect, signal, untracked } from "@preact/signals";
 import { rankingParts } from "../api/rankings";
 import type { Schemas } from "../api/service";
 import { perScene } from "../store/per-scene";
@@ -31,11 +31,13 @@ export class RankingRun {
     followChosenDrawing(store, this.form);
     let ranked = store.snapshots.peek()[0]?.id;
     effect(() => {
-      const newest = store.snapshots.value[0]?.id;
-      const ready = siteOf(store) !== null; // the cameras of a snapshot arrive after it
-      if (newest === ranked || !ready) return;
-      ranked = newest;
-      if (this.keepUpToDate.peek() && this.progress.peek() === null) void this.start();
+      const ready = store.cameras.value !== null; // those of a new snapshot arrive after it
+      untracked(() => {
+        const newest = store.snapshots.value[0]?.id;
+        if (!ready || newest === ranked) return;
+        ranked = newest;
+        if (this.keepUpToDate.value && this.progress.value === null) void this.start();
+      });
     });
   }
 
