@@ -81,18 +81,19 @@ def _measure(folder: Path, browser: Browser, options: argparse.Namespace) -> Non
         figures = [figures for figures, _ in loads]
         medians = {name: statistics.median(one[name] for one in figures) for name in figures[0]}
         report(f"loading {ranking.total} candidates", [medians], options.out / "loading.json")
+        frames = [_frames(browser, url, source) for source in ("service", "local")]
+        report("frames per second, software GL", frames, options.out / "frames.json")
         with _page(browser, url) as page:
             _until_drawn(page)
-            report("frames per second, software GL", [_frames(page)], options.out / "frames.json")
             report("event to pixel", _latencies(page, scene, options.repeat), options.out / "events.json")
             report("memory", [_memory(page)], options.out / "memory.json")
 
 
 @contextmanager
-def _page(browser: Browser, url: str) -> Iterator[Page]:
+def _page(browser: Browser, url: str, source: str = "auto") -> Iterator[Page]:
     context = browser.new_context(viewport={"width": 1280, "height": 800})
     context.set_default_timeout(120_000)
-    context.add_init_script(_OBSERVERS)
+    context.add_init_script(f"localStorage.setItem('fvs-splat-source', '{source}')\n{_OBSERVERS}")
     page = context.new_page()
     page.goto(url)
     yield page
@@ -146,23 +147,34 @@ def _of_splats(name: str) -> bool:
     return name.startswith("spark")
 
 
-def _frames(page: Page) -> dict[str, float]:
-    """Frames drawn while the mouse turns the view."""
-    box = page.locator("canvas").first.bounding_box()
-    assert box is not None
-    x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
-    page.mouse.move(x, y)
-    page.mouse.down()
-    page.evaluate("window.observed.frames = 0")
-    began = time.perf_counter()
-    step = 0
-    while time.perf_counter() - began < _DRAG_S:
-        step += 1
-        page.mouse.move(x + 100 * (step % 40 - 20) / 20, y + step % 7)
-    drawn = page.evaluate("window.observed.frames")
-    seconds = time.perf_counter() - began
-    page.mouse.up()
-    return {"frames per second": drawn / seconds, "width px": box["width"], "height px": box["height"]}
+def _frames(browser: Browser, url: str, source: str) -> dict[str, Any]:
+    """Frames that are drawn while the mouse turns the view, with the model drawn by ``source``."""
+    with _page(browser, url, source) as page:
+        _until_drawn(page)
+        page.wait_for_timeout(_SETTLE_MS)
+        box = page.locator(".view3d-canvas").bounding_box()
+        assert box is not None
+        x, y = box["x"] + box["width"] / 2, box["y"] + box["height"] / 2
+        page.mouse.move(x, y)
+        page.mouse.down()
+        page.evaluate("window.observed.frames = 0")
+        began = time.perf_counter()
+        step = 0
+        while time.perf_counter() - began < _DRAG_S:
+            step += 1
+            page.mouse.move(x + 100 * (step % 40 - 20) / 20, y + step % 7)
+        drawn = page.evaluate("window.observed.frames")
+        seconds = time.perf_counter() - began
+        page.mouse.up()
+        page.wait_for_timeout(_SETTLE_MS)
+        status = page.locator(".view3d-status").inner_text()
+        size = f"{box['width']:.0f} × {box['height']:.0f}"
+    return {
+        "model drawn by": source,
+        "px": size,
+        "frames per second": drawn / seconds,
+        "the page says": status,
+    }
 
 
 def _latencies(page: Page, scene: Scene, repeat: int) -> list[dict[str, Any]]:
@@ -184,12 +196,13 @@ def _latencies(page: Page, scene: Scene, repeat: int) -> list[dict[str, Any]]:
             page.evaluate("window.observed.changed = null")
             began = datetime.now(UTC)
             act(number)
-            page.wait_for_function("window.observed.changed !== null")
+            while not (changed_ms := page.evaluate("window.observed.changed")):
+                page.wait_for_timeout(100)
             event = next(
                 one for one in scene.events(after=last) if one.kind == kind and one.created_at >= began
             )
             last = event.number
-            times.append(page.evaluate("window.observed.changed") - 1000 * event.created_at.timestamp())
+            times.append(changed_ms - 1000 * event.created_at.timestamp())
         rows.append({"event": kind, "median ms": statistics.median(times), "max ms": max(times)})
     return rows
 
@@ -238,7 +251,7 @@ def _watch_memory(folder: Path, browser: Browser, options: argparse.Namespace) -
                 report("memory of a running scene", rows, options.out / "running.json")
                 until = began + _SAMPLE_S * len(rows)
                 while time.monotonic() < until:
-                    if job is None or job.refresh().state.final:
+                    if job is None or job.refresh().state.ended:
                         scene.rank(top_k=5)
                         if waiting:
                             scene.images.upload([waiting.pop(0)])

@@ -15,15 +15,19 @@ observe("layout-shift", (entry) => {
 observe("longtask", (entry) => {
   seen.tbt += Math.max(0, entry.duration - 50);
 });
-// Frames in which WebGL draws instances or triangles.
+// Frames in which something is drawn on a canvas.
 let drawn = false;
-for (const name of ["drawArrays", "drawElements", "drawArraysInstanced", "drawElementsInstanced"]) {
-  const original = WebGL2RenderingContext.prototype[name];
-  WebGL2RenderingContext.prototype[name] = function (...words) {
-    drawn = true;
-    return original.apply(this, words);
-  };
-}
+const note = (type, names) => {
+  for (const name of names) {
+    const original = type.prototype[name];
+    type.prototype[name] = function (...words) {
+      drawn = true;
+      return original.apply(this, words);
+    };
+  }
+};
+note(WebGL2RenderingContext, ["drawArrays", "drawElements", "drawArraysInstanced", "drawElementsInstanced"]);
+note(CanvasRenderingContext2D, ["drawImage", "stroke", "fill", "putImageData"]);
 const count = () => {
   if (drawn) seen.frames += 1;
   drawn = false;

@@ -7,6 +7,7 @@ before a page is measured.
 import io
 import sys
 import tempfile
+import zipfile
 from pathlib import Path
 
 import numpy as np
@@ -22,19 +23,22 @@ from exif_gps import exif_gps
 from gateways import Gateway, running_gateway, settings_for
 
 from fvs_engine.export.points_ply import write_points
-from fvs_engine.geometry import RigidTransform, quaternion_from_matrix
+from fvs_engine.geometry import PinholeCamera, RigidTransform, quaternion_from_matrix
 from fvs_engine.geometry.geodetic import GeodeticPosition, geodetic_from_enu
 from fvs_engine.lab.simulate import survey
-from fvs_engine.sfm.reconstruction import PointCloud
+from fvs_engine.sfm.colmap.model import write_colmap
+from fvs_engine.sfm.reconstruction import PointCloud, Reconstruction
 from fvs_engine.splat.gaussians import Gaussians
 from fvs_engine.splat.ply import write_ply
 from fvs_engine.splat.spz import write_spz
-from fvs_schema.artifacts import CAMERAS, COMPRESSED, GAUSSIANS, POINTS
+from fvs_engine.views import View
+from fvs_schema.artifacts import CAMERAS, COLMAP, COLMAP_FOLDER, COMPRESSED, GAUSSIANS, METRICS, POINTS
 from fvs_schema.scenes import Alignment, AlignmentStatus
 from fvs_schema.snapshots import PinholeIntrinsics, SnapshotCameras, SnapshotMetrics, SnapshotView
 
 HOME = GeodeticPosition(47.3769, 8.5417, 440.0)
 _SIZE = (160, 120)
+_FOCAL_PX = 104.0
 
 
 def make_scene(root: Path, images: int, gaussians: int) -> str:
@@ -44,7 +48,7 @@ def make_scene(root: Path, images: int, gaussians: int) -> str:
         scene_id = gateway.scene(name=f"{images} photographs")
         digests = []
         for number, pose in enumerate(poses):
-            answer = gateway.put(scene_id, photograph(number, pose), name=f"survey-{number:04d}.jpg")
+            answer = gateway.put(scene_id, photograph(number, pose), name=_name(number))
             answer.raise_for_status()
             digests.append(answer.json()["digest"])
         with tempfile.TemporaryDirectory() as folder:
@@ -93,36 +97,60 @@ def _model(folder: Path, poses: list[RigidTransform], digests: list[str], count:
     write_ply(folder / GAUSSIANS, model)
     write_spz(folder / COMPRESSED, model)
     some = draw.choice(count, count // 5, replace=False)
-    write_points(folder / POINTS, PointCloud(means[some], (255 * colours[some].clip(0, 1)).astype(np.uint8)))
+    points = PointCloud(means[some], (255 * colours[some].clip(0, 1)).astype(np.uint8))
+    write_points(folder / POINTS, points)
     (folder / CAMERAS).write_text(_cameras(poses, digests, reach).model_dump_json())
+    _write_colmap(folder, poses, points)
+    metrics = SnapshotMetrics(
+        registered=len(poses),
+        unregistered=0,
+        points=len(points),
+        iterations=1,
+        gaussians=count,
+        sh_degree=0,
+    )
+    (folder / METRICS).write_text(metrics.model_dump_json())
     return NewSnapshot(
-        metrics=SnapshotMetrics(
-            registered=len(poses),
-            unregistered=0,
-            points=count // 5,
-            iterations=1,
-            gaussians=count,
-            sh_degree=0,
-        ),
+        metrics=metrics,
         alignment=Alignment(
             status=AlignmentStatus.ALIGNED, rms_m=0.5, inliers=len(poses), positions=len(poses)
         ),
-        files={name: folder / name for name in (GAUSSIANS, COMPRESSED, POINTS, CAMERAS)},
+        files={name: folder / name for name in (GAUSSIANS, COMPRESSED, POINTS, CAMERAS, METRICS, COLMAP)},
         registered=digests,
         unregistered={},
     )
+
+
+def _write_colmap(folder: Path, poses: list[RigidTransform], points: PointCloud) -> None:
+    """The same cameras and points for COLMAP, without observations."""
+    width, height = _SIZE
+    camera = PinholeCamera(width, height, _FOCAL_PX, _FOCAL_PX, width / 2, height / 2)
+    views = [View(_name(number), camera, pose.inverse()) for number, pose in enumerate(poses)]
+    write_colmap(Reconstruction(tuple(views), points, np.zeros(len(points))), folder / COLMAP_FOLDER)
+    with zipfile.ZipFile(folder / COLMAP, "w") as archive:
+        for file in (folder / COLMAP_FOLDER).iterdir():
+            archive.write(file, f"{COLMAP_FOLDER}/{file.name}")
+
+
+def _name(number: int) -> str:
+    return f"survey-{number:04d}.jpg"
 
 
 def _cameras(poses: list[RigidTransform], digests: list[str], reach: np.ndarray) -> SnapshotCameras:
     width, height = _SIZE
     return SnapshotCameras(
         camera=PinholeIntrinsics(
-            width_px=width, height_px=height, fx_px=104, fy_px=104, cx_px=width / 2, cy_px=height / 2
+            width_px=width,
+            height_px=height,
+            fx_px=_FOCAL_PX,
+            fy_px=_FOCAL_PX,
+            cx_px=width / 2,
+            cy_px=height / 2,
         ),
         views=tuple(
             SnapshotView(
                 image=digest,
-                name=f"survey-{number:04d}.jpg",
+                name=_name(number),
                 position=tuple(pose.translation.tolist()),
                 orientation_wxyz=tuple(quaternion_from_matrix(pose.rotation).tolist()),
             )

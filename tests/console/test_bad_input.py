@@ -1,11 +1,12 @@
 """What can go wrong is said in a sentence; the page is never blank."""
 
+import re
 from collections.abc import Callable
 from pathlib import Path
 
 import pytest
-from fvs_client import Scene
-from fvs_service.serving.running import RunningService
+from fvs_client import Client, Scene
+from fvs_service.serving.running import RunningService, running_service
 from playwright.sync_api import expect
 from watched_pages import Opener
 
@@ -55,7 +56,7 @@ def test_a_scene_without_a_model_says_what_to_do(
     scene = new_scene("empty")
     page, _ = open_page(console_service.url, f"#/scenes/{scene.id}/{stage}/photographs")
     expect(page.get_by_role("heading", name="No photographs yet")).to_be_visible()
-    for panel in ("Work",):
+    for panel in ("Next views", "Missions", "Work"):
         page.get_by_role("navigation", name="What is done").get_by_role("link", name=panel).click()
         expect(page.locator(".panel")).to_contain_text("odel")
         expect(page.locator(".stage")).not_to_have_text("")
@@ -92,3 +93,35 @@ def test_a_model_that_is_deleted_under_the_page_leaves_the_newest(
     oldest.delete()
     expect(models.first).to_contain_text("shown")
     expect(page.get_by_text("The shown model was deleted; the newest is shown.")).to_be_visible()
+
+
+def test_ten_thousand_candidates_are_refused_with_the_limit(
+    open_page: Opener, console_service: RunningService, courtyard: Scene
+) -> None:
+    page, watch = open_page(console_service.url, f"#/scenes/{courtyard.id}/view3d/views")
+    watch.allow("status of 4")
+    page.get_by_role("combobox", name="Candidates").select_option("grid")
+    page.get_by_text("More settings").click()
+    page.get_by_label("Columns").fill("100")
+    page.get_by_label("Rows").fill("100")
+    page.get_by_role("button", name="Rank", exact=True).click()
+    expect(page.get_by_role("alert")).to_contain_text(re.compile("10,?000.*2,?000"))
+    expect(page.get_by_role("button", name="Rank", exact=True)).to_be_enabled()
+
+
+def test_a_map_without_network_is_a_map(open_page: Opener, tmp_path: Path, photographs: list[Path]) -> None:
+    tiles = {"FVS_BASEMAP__TILES": "https://tiles.example/{z}/{x}/{y}.png"}
+    settings = {"FVS_INSPECTORS": "1", "FVS_GRPC_PORT": "0", **tiles}
+    with (
+        running_service(tmp_path / "root", tmp_path / "service.log", settings) as service,
+        Client(service.url) as client,
+    ):
+        scene = client.scenes.create("offline")
+        scene.images.upload(photographs[:2])
+        page, watch = open_page(service.url, f"#/scenes/{scene.id}/map/photographs")
+        watch.allow("tiles.example|net::ERR_NAME_NOT_RESOLVED")
+        expect(
+            page.get_by_text("The map's background cannot be loaded; everything else works.")
+        ).to_be_visible()
+        expect(page.get_by_role("group", name="Draw").get_by_role("button", name="Area")).to_be_enabled()
+        open_page.close()
