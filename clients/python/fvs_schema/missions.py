@@ -18,6 +18,9 @@ from fvs_schema.terrain import AnyTerrain
 from fvs_schema.words import Word
 
 _MOST_VIA = 200
+_Digests = Annotated[
+    tuple[Digest, ...], Field(min_length=1, fail_fast=True), within("candidates_per_ranking")
+]
 _Height = Annotated[Number, Field(ge=-10_000, le=10_000)]
 _Geoid = Annotated[Number, Field(ge=-150, le=150)]
 _Speed = Annotated[Number, Field(ge=0.1, le=50)]
@@ -276,9 +279,7 @@ class MissionRequest(Input):
 
     views: Annotated[tuple[MissionView, ...], Field(fail_fast=True), within("candidates_per_ranking")] = ()
     """Views with their poses."""
-    images: Annotated[
-        tuple[Digest, ...] | None, Field(min_length=1, fail_fast=True), within("candidates_per_ranking")
-    ] = None
+    images: _Digests | None = None
     """Registered images of the snapshot, by digest: from where they were taken, photographs are taken again.
     The digest is the id of the view."""
     all_images: bool = False
