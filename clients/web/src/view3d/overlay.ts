@@ -73,7 +73,7 @@ function drawFlat(
     }
   }
   for (const { layer, strokes: lines } of strokes)
-    if (shown.has(layer)) for (const one of lines) stroke(context, one.segments, one.colour, 1.5, frame);
+    if (shown.has(layer)) for (const one of lines) stroke(context, one.segments, one.colour, 2, frame);
   stroke(context, highlighted, palette.accent, 3, frame);
 }
 

@@ -24,7 +24,7 @@ export class Viewer implements Navigated {
   view: Viewpoint = lookAt([0, -3, 1], [0, 0, 0], [0, 0, 1]);
   readonly stage: Stage;
   private cameras: SnapshotCameras | null = null;
-  private placed = false;
+  private touched = false;
   private back: Viewpoint | null = null;
   private travel: { from: Viewpoint; to: Viewpoint; began: number } | null = null;
   private waiting = 0;
@@ -52,7 +52,6 @@ export class Viewer implements Navigated {
     if (last) {
       this.view = last.view;
       this.cameras = last.cameras;
-      this.placed = true;
     }
     this.source = new ModelSource(
       state,
@@ -147,18 +146,21 @@ export class Viewer implements Navigated {
     });
   }
 
-  /** A new model is seen from where the one before was; the first one, and the first positions, as a whole. */
+  /**
+   * A new model is seen from where the one before was.
+   *
+   * Before there is one, all positions are in view as they come, until the operator moves.
+   */
   private keepViewpoint(cameras: SnapshotCameras | null): void {
     const before = this.cameras;
     this.cameras = cameras;
     let kept: Viewpoint | null = null;
-    if (before === cameras) kept = this.placed ? this.view : null;
+    if (before === cameras) kept = cameras || this.touched ? this.view : null;
     else if (before && cameras) kept = carried(this.view, before, cameras);
     if (kept) {
       this.view = kept;
       if (before !== cameras) this.moved(false);
     } else if (cameras || this.stage.content.markers.length > 0) {
-      this.placed = true;
       this.goTo(firstView(this.stage.content, cameras, this.stage.frustum, this.lens), false);
     }
   }
@@ -268,6 +270,7 @@ export class Viewer implements Navigated {
   // Navigation.
 
   navigate(view: Viewpoint): void {
+    this.touched = true;
     this.travel = null;
     this.view = view;
     this.state.hovered.value = null;
@@ -277,6 +280,7 @@ export class Viewer implements Navigated {
 
   /** Go to a viewpoint that the operator chose. */
   visit(view: Viewpoint): void {
+    this.touched = true;
     this.leave();
     this.goTo(view);
   }
