@@ -39,6 +39,8 @@ export interface PlacedTour {
   stops: { id: string; at: Flat }[];
 }
 
+const LEAST_ABOVE = 10;
+
 const flatOf = ({ position }: Camera): Flat => [position[0], position[1]];
 
 /** What the map shows of a scene, in the frame of the map; it follows the scene. */
@@ -104,6 +106,16 @@ export class MapContents {
       const at = camera ? flatOf(camera) : this.priorPlace(image.prior);
       return at === null ? [] : [{ digest: image.digest, at, camera, registration: image.registration }];
     });
+  });
+
+  /** The usual height of the cameras, and how far that is above the ground. */
+  readonly flight = computed(() => {
+    const heights = this.photographs.value
+      .flatMap(({ camera }) => (camera ? [camera.position[2]] : []))
+      .sort((a, b) => a - b);
+    const ground = this.ground.value?.typical ?? 0;
+    const height = heights[heights.length >> 1] ?? ground + 50;
+    return { height, above: Math.max(LEAST_ABOVE, height - ground) };
   });
 
   /** What each photograph sees of the ground, of those whose orientation is known. */

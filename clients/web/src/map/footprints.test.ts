@@ -54,11 +54,15 @@ describe("overlap", () => {
     expect(shareOf(grid, (value) => value === 0)).toBeCloseTo(1 / 9, 1);
   });
   it("finds the gap at a place", () => {
-    const gap = gapAt(grid, [60, 60], (value) => value < 1) ?? [];
+    const gap = gapAt(grid, [60, 60], (value) => value < 1, 100) ?? [];
     extent(gap).forEach((side) => {
       expect(side).toBeGreaterThan(38);
       expect(side).toBeLessThan(42);
     });
-    expect(gapAt(grid, [20, 20], (value) => value < 1)).toBeNull();
+    expect(gapAt(grid, [20, 20], (value) => value < 1, 100)).toBeNull();
+  });
+  it("ends a gap at a reach", () => {
+    const around = gapAt(grid, [60, 10], (value) => value < 2, 30) ?? [];
+    expect(Math.max(...around.map((corner) => Math.hypot(corner[0] - 60, corner[1] - 10)))).toBeLessThan(32);
   });
 });

@@ -43,11 +43,16 @@ export function shareOf(grid: GroundGrid, condition: (value: number) => boolean)
 }
 
 /**
- * The convex hull of the cells that hang together with the one at a place, in which a condition holds.
+ * The convex hull of the cells within a reach of a place that hang together with its own, in which a condition holds.
  *
- * Null where it does not hold at the place.
+ * Null where it does not hold at the place. Without the reach, a gap along the border would be the whole map.
  */
-export function gapAt(grid: GroundGrid, place: Flat, condition: (value: number) => boolean): Flat[] | null {
+export function gapAt(
+  grid: GroundGrid,
+  place: Flat,
+  condition: (value: number) => boolean,
+  reach: number,
+): Flat[] | null {
   const start = [
     Math.floor((place[0] - grid.west) / grid.cell),
     Math.floor((place[1] - grid.south) / grid.cell),
@@ -60,6 +65,8 @@ export function gapAt(grid: GroundGrid, place: Flat, condition: (value: number) 
     const index = row * grid.columns + column;
     if (column < 0 || row < 0 || column >= grid.columns || row >= grid.rows || found.has(index)) continue;
     if (!condition(grid.values[index] as number)) continue;
+    const [x, y] = [column - (start[0] as number), row - (start[1] as number)];
+    if (Math.hypot(x, y) * grid.cell > reach) continue;
     found.add(index);
     waiting.push([column + 1, row], [column - 1, row], [column, row + 1], [column, row - 1]);
   }

@@ -223,11 +223,12 @@ export class MapState {
   }
 
   private gapAt(place: Flat): Gap | null {
+    const reach = this.contents.flight.value.above; // about the size of a footprint, to each side
     const grid = shownLayers.value.has("overlap") ? this.contents.overlap.value : null;
-    const corners = grid && gapAt(grid, place, (count) => count < ENOUGH);
+    const corners = grid && gapAt(grid, place, (count) => count < ENOUGH, reach);
     if (corners) return { kind: "overlap", value: valueAt(grid, place), corners };
     const forecast = shownLayers.value.has("forecast") ? this.contents.forecast.value : null;
-    const unknown = forecast && gapAt(forecast.grid, place, (share) => share >= MUCH);
+    const unknown = forecast && gapAt(forecast.grid, place, (share) => share >= MUCH, reach);
     if (!unknown) return null;
     const value = forecastValue(forecast, valueAt(forecast.grid, place));
     return { kind: forecast.unit, value, corners: unknown };

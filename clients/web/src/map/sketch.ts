@@ -137,12 +137,8 @@ export class Sketch {
 
   /** Heights around those of the photographs; a zone reaches from the ground to above them. */
   private usualHeights(use: Drawing["use"]): Pick<Drawing, "lower_m" | "upper_m" | "radius_m"> {
-    const heights = this.contents.photographs.value
-      .flatMap(({ camera }) => (camera ? [camera.position[2]] : []))
-      .sort((a, b) => a - b);
     const ground = this.contents.ground.value?.typical ?? 0;
-    const flight = heights[heights.length >> 1] ?? ground + 50;
-    const above = Math.max(10, flight - ground);
+    const { height: flight, above } = this.contents.flight.value;
     const [lower, upper] =
       use === "no-fly"
         ? [ground - 5, ground + 2 * above]
