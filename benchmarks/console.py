@@ -81,10 +81,13 @@ def _measure(folder: Path, browser: Browser, options: argparse.Namespace) -> Non
         figures = [figures for figures, _ in loads]
         medians = {name: statistics.median(one[name] for one in figures) for name in figures[0]}
         report(f"loading {ranking.total} candidates", [medians], options.out / "loading.json")
+        splat = _load(browser, url, "local")[1]
+        report("bytes with the splat, gzip", splat, options.out / "splat.json")
         frames = [_frames(browser, url, source) for source in ("service", "local")]
         report("frames per second, software GL", frames, options.out / "frames.json")
         with _page(browser, url) as page:
             _until_drawn(page)
+            _show_ranking(page)
             report("event to pixel", _latencies(page, scene, options.repeat), options.out / "events.json")
             report("memory", [_memory(page)], options.out / "memory.json")
 
@@ -105,11 +108,11 @@ def _until_drawn(page: Page) -> None:
     expect(page.locator(".view3d-status")).to_have_text(_DRAWN, timeout=120_000)
 
 
-def _load(browser: Browser, url: str) -> tuple[dict[str, float], list[dict[str, Any]]]:
+def _load(browser: Browser, url: str, source: str = "auto") -> tuple[dict[str, float], list[dict[str, Any]]]:
     """A first visit: its figures, and the bytes of its files in the order of their arrival."""
     context = browser.new_context(viewport={"width": 1280, "height": 800})
     context.set_default_timeout(120_000)
-    context.add_init_script(_OBSERVERS)
+    context.add_init_script(f"localStorage.setItem('fvs-splat-source', '{source}')\n{_OBSERVERS}")
     page = context.new_page()
     files: list[dict[str, Any]] = []
     names: dict[str, str] = {}
@@ -126,6 +129,7 @@ def _load(browser: Browser, url: str) -> tuple[dict[str, float], list[dict[str, 
     drawn_ms = page.evaluate("performance.now()")
     page.wait_for_timeout(_SETTLE_MS)
     seen = page.evaluate("window.observed")
+    ranking_ms = _show_ranking(page)
     context.close()
     sizes = [(names.get(one["id"], ""), int(one["encodedDataLength"])) for one in files]
     own = [(url.rsplit("/", 1)[1] or "index.html", size) for url, size in sizes if "/v1/" not in url]
@@ -140,17 +144,28 @@ def _load(browser: Browser, url: str) -> tuple[dict[str, float], list[dict[str, 
         "TBT ms": seen["tbt"],
         "heading ms": heading_ms,
         "model drawn ms": drawn_ms,
+        "ranking shown ms": ranking_ms,
     }, rows
 
 
+def _show_ranking(page: Page) -> float:
+    """Show the scene's ranking; returns the time from the click to the first row, in ms."""
+    page.get_by_text("Earlier rankings").click()
+    began = time.perf_counter()
+    page.get_by_role("button", name="Show", exact=True).click()
+    page.get_by_role("region", name="Ranking").get_by_role("row").nth(1).wait_for()
+    return 1000 * (time.perf_counter() - began)
+
+
 def _of_splats(name: str) -> bool:
-    return name.startswith("spark")
+    return name.startswith(("spark", "three", "splat", "webgl"))
 
 
 def _frames(browser: Browser, url: str, source: str) -> dict[str, Any]:
     """Frames that are drawn while the mouse turns the view, with the model drawn by ``source``."""
     with _page(browser, url, source) as page:
         _until_drawn(page)
+        _show_ranking(page)
         page.wait_for_timeout(_SETTLE_MS)
         box = page.locator(".view3d-canvas").bounding_box()
         assert box is not None

@@ -32,6 +32,7 @@ def test_every_page_of_a_scene_is_accessible(
     page, _ = open_page(console_service.url, viewport=TABLET, color_scheme=theme)
     expect(page.get_by_role("heading", name="Scenes")).to_be_visible()
     _check(page, axe, "scenes")
+    fill = {"photographs": _select_a_photograph, "views": _rank, "plans": _plan_and_draw}
     for stage, panel in (
         ("view3d", "photographs"),
         ("view3d", "views"),
@@ -41,9 +42,27 @@ def test_every_page_of_a_scene_is_accessible(
         page.goto(f"{console_service.url}/#/scenes/{courtyard.id}/{stage}/{panel}")
         expect(page.get_by_role("heading", name="courtyard")).to_be_visible()
         expect(page.get_by_text("Loading …")).to_have_count(0)
+        fill.get(panel, lambda _: None)(page)
         _check(page, axe, f"{stage}/{panel}")
         wide = page.evaluate("document.documentElement.scrollWidth")
         assert wide <= TABLET["width"], f"{stage}/{panel} is {wide} px wide"
+
+
+def _select_a_photograph(page: Page) -> None:
+    page.get_by_role("listbox", name="Photographs").get_by_role("option").first.click()
+
+
+def _rank(page: Page) -> None:
+    page.get_by_role("button", name="Rank", exact=True).click()
+    row = page.get_by_role("region", name="Ranking").get_by_role("row").nth(1)
+    expect(row).to_contain_text("orbit-", timeout=30_000)
+    row.click()
+
+
+def _plan_and_draw(page: Page) -> None:
+    page.get_by_role("button", name="Plan", exact=True).click()
+    expect(page.get_by_text("Vehicle 1:")).to_be_visible(timeout=30_000)
+    page.get_by_role("group", name="Draw").get_by_role("button", name="Area").click()
 
 
 def _check(page: Page, axe: str, where: str) -> None:
