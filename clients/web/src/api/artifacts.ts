@@ -1,3 +1,4 @@
+import { artifactPath } from "./paths";
 import { bytes } from "./service";
 
 export type Triple = [number, number, number];
@@ -31,11 +32,6 @@ export interface SnapshotCameras {
   up: Triple;
   lower: Triple;
   upper: Triple;
-}
-
-/** The path of an artifact of a snapshot. */
-export function artifactPath(snapshotId: string, name: string): string {
-  return `/v1/snapshots/${snapshotId}/artifacts/${name}`;
 }
 
 /** Load `cameras.json` of a snapshot. Throws `ServiceError`. */

@@ -1,5 +1,8 @@
+import type { Schemas } from "../api/service";
+import { isGeodetic } from "../geometry/earth";
 import { strings } from "../strings";
 
+const { card } = strings.views;
 const { units, ago, unknown } = strings.components;
 const LOCALE = "en-GB";
 const DATE = new Intl.DateTimeFormat(LOCALE, { dateStyle: "medium", timeStyle: "short" });
@@ -12,8 +15,29 @@ export function formatBytes(bytes: number): string {
     value /= 1000;
     unit++;
   }
-  const digits = unit === 0 || value >= 99.95 ? 0 : value >= 9.995 ? 1 : 2;
-  return `${value.toFixed(digits)} ${units.bytes[unit]}`;
+  return `${unit === 0 ? Math.round(value) : threeDigits(value)} ${units.bytes[unit]}`;
+}
+
+/** A number with three digits, without exponents. */
+export function threeDigits(value: number): string {
+  const size = Math.abs(value);
+  return value.toFixed(size >= 99.95 ? 0 : size >= 9.995 ? 1 : size >= 0.9995 ? 2 : 3);
+}
+
+/** A length in metres or kilometres, or in the unit of a model; a dash where there is none. */
+export function formatLength(length: number | null, metric = true): string {
+  if (length === null) return unknown;
+  if (!metric) return units.ofModel(threeDigits(length));
+  return Math.abs(length) < 999.5
+    ? units.metres(threeDigits(length))
+    : units.kilometres(threeDigits(length / 1000));
+}
+
+/** An area in m² as square metres, hectares or square kilometres. */
+export function formatArea(area: number): string {
+  if (area < 10_000) return units.squareMetres(threeDigits(area));
+  if (area < 1_000_000) return units.hectares(threeDigits(area / 10_000));
+  return units.squareKilometres(threeDigits(area / 1_000_000));
 }
 
 /** A count with separators of thousands. */
@@ -39,6 +63,16 @@ export function formatPercent(share: number): string {
   return units.percent(Math.floor(share * 100 + 1e-9));
 }
 
+/** A share from 0 to 1, rounded to whole percent; a dash where there is none. */
+export function formatShare(share: number | null): string {
+  return share === null ? unknown : units.percent(Math.round(share * 100));
+}
+
+/** A score, with as many digits as tell candidates apart; a dash where there is none. */
+export function formatScore(score: number | null): string {
+  return score === null ? unknown : score.toFixed(3);
+}
+
 /** A moment with date and time, in the time zone of the browser. */
 export function formatDate(iso: string): string {
   return DATE.format(new Date(iso));
@@ -51,4 +85,21 @@ export function formatAge(iso: string, now: number = Date.now()): string {
   if (minutes < 60) return ago.minutes(minutes);
   if (minutes < 24 * 60) return ago.hours(Math.floor(minutes / 60));
   return formatDate(iso);
+}
+
+/** A pose in lines: where it is, and where it looks. */
+export function formatPose(pose: Schemas["FramePoseOutput"] | Schemas["VehiclePoseOutput"]): string[] {
+  if (isGeodetic(pose)) {
+    const { latitude_deg, longitude_deg, altitude_m, altitude_datum, yaw_deg, pitch_deg } = pose;
+    const datum = card.datums[altitude_datum ?? "sea-level"];
+    return [
+      card.geodetic(latitude_deg.toFixed(7), longitude_deg.toFixed(7), altitude_m.toFixed(1), datum),
+      card.angles(yaw_deg.toFixed(1), pitch_deg.toFixed(1)),
+    ];
+  }
+  const [x, y, z] = pose.position.map((part) => part.toFixed(3)) as [string, string, string];
+  return [
+    card.position(pose.frame ?? "world", x, y, z),
+    card.quaternion(pose.orientation_wxyz.map((part) => part.toFixed(4)).join(" ")),
+  ];
 }

@@ -1,5 +1,6 @@
 import { computed, effect, signal } from "@preact/signals";
-import { artifactPath, type PinholeIntrinsics, type Quaternion } from "../api/artifacts";
+import type { PinholeIntrinsics, Quaternion } from "../api/artifacts";
+import { artifactPath } from "../api/paths";
 import { bytes, type Schemas } from "../api/service";
 import type { Camera } from "../geometry/frames";
 import { report } from "../store/notices";

@@ -1,9 +1,9 @@
 import { useState } from "preact/hooks";
+import { formatArea, formatLength } from "../components/format";
 import { go, route } from "../router";
 import type { Drawing } from "../store/scene";
 import { strings } from "../strings";
 import type { MapState } from "./map-state";
-import { formatArea, formatLength } from "./measures";
 import { formatPlace, parsePlace } from "./places";
 import { areaOf, lengthOf } from "./polygons";
 

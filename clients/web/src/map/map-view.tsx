@@ -1,6 +1,6 @@
 import { useEffect, useState } from "preact/hooks";
-import type { SceneProps } from "../scene/scene-page";
-import { SelectionCard } from "../scene/selection-card";
+import { SelectionCard } from "../selection/selection-card";
+import type { SceneProps } from "../store/scene";
 import { strings } from "../strings";
 import { BasemapBelow } from "./basemap-below";
 import { DrawingFiles } from "./drawing-files";

@@ -1,3 +1,4 @@
+import { imagePath } from "../api/paths";
 import type { Schemas } from "../api/service";
 import { formatCount } from "../components/format";
 import { strings } from "../strings";
@@ -28,11 +29,10 @@ export function ImageState({ image }: { image: Schemas["Image"] }) {
 
 /** The path of the original of an accepted image. */
 export function originalOf(image: Schemas["Image"]): string {
-  return `/v1/scenes/${image.scene_id}/images/${image.digest}/content`;
+  return imagePath(image.scene_id, image.digest, "content");
 }
 
 /** The path of an image's thumbnail; null when the service keeps none. */
 export function thumbnailOf(image: Schemas["Image"]): string | null {
-  if (image.verdict !== "accepted") return null;
-  return `/v1/scenes/${image.scene_id}/images/${image.digest}/thumbnail`;
+  return image.verdict === "accepted" ? imagePath(image.scene_id, image.digest, "thumbnail") : null;
 }

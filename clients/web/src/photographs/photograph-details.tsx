@@ -75,7 +75,7 @@ function Facts({ image }: { image: Image }) {
     ...priorRows(image.prior),
   ];
   return (
-    <dl class="facts">
+    <dl>
       <dt>{texts.state}</dt>
       <dd>
         <ImageState image={image} />

@@ -3,7 +3,7 @@ import type { Schemas } from "../api/service";
 import { formatCount } from "../components/format";
 import { ServiceImage } from "../components/service-image";
 import { VirtualList } from "../components/virtual-list";
-import type { SceneProps } from "../scene/scene-page";
+import type { SceneProps } from "../store/scene";
 import { strings } from "../strings";
 import { AddFiles } from "./add-files";
 import { countsOf, FILTERS, type Filter, filtered } from "./filters";

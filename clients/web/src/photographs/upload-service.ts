@@ -1,3 +1,4 @@
+import { imagePath } from "../api/paths";
 import { sendFile } from "../api/send-file";
 import { api, data, send } from "../api/service";
 import { Digests } from "./sha256";
@@ -32,7 +33,7 @@ export class SceneUploads implements UploadService {
   }
 
   async sendSubtitles(digest: string, file: File, signal: AbortSignal): Promise<void> {
-    const path = `${this.path(digest)}/subtitles`;
+    const path = imagePath(this.sceneId, digest, "subtitles");
     const headers = { "Content-Type": BINARY };
     await sendFile({ method: "PUT", path, body: file, headers, onSent: () => undefined, signal });
   }
@@ -44,7 +45,7 @@ export class SceneUploads implements UploadService {
     signal: AbortSignal,
   ): Promise<Judgement> {
     if (file.size >= RESUMED_BYTES) return this.resume(digest, file, onSent, signal);
-    const path = `${this.path(digest)}?name=${encodeURIComponent(file.name)}`;
+    const path = `${imagePath(this.sceneId, digest)}?name=${encodeURIComponent(file.name)}`;
     const headers = { "Content-Type": BINARY };
     const response = await sendFile({ method: "PUT", path, body: file, headers, onSent, signal });
     return (await response.json()) as Judgement;
@@ -87,11 +88,7 @@ export class SceneUploads implements UploadService {
         signal,
       });
     }
-    return (await (await send(this.path(digest), { signal })).json()) as Judgement;
-  }
-
-  private path(digest: string): string {
-    return `/v1/scenes/${this.sceneId}/images/${digest}`;
+    return (await (await send(imagePath(this.sceneId, digest), { signal })).json()) as Judgement;
   }
 }
 

@@ -1,10 +1,10 @@
+import { inOrder, siteOf } from "../candidates/site";
+import { numberOf } from "../candidates/values";
 import { CheckField, NumberField } from "../components/fields";
 import { PickPlace } from "../components/pick-place";
 import { notify, report } from "../store/notices";
 import type { Place, SceneStore } from "../store/scene";
 import { strings } from "../strings";
-import { numberOf } from "../views/fields";
-import { inOrder, siteOf } from "../views/site";
 import { heightAt, loadTerrain } from "./home";
 import type { MissionForm } from "./mission-form";
 

@@ -1,4 +1,4 @@
-import { artifactPath } from "../api/artifacts";
+import { artifactPath } from "../api/paths";
 import { bytes, type Schemas } from "../api/service";
 import type { Place } from "../store/scene";
 

@@ -1,8 +1,8 @@
 import type { Schemas } from "../api/service";
-import { fenceParameter } from "../map/drawing-volume";
+import { fenceParameter } from "../candidates/drawing-volume";
+import { FormError, numberOf } from "../candidates/values";
 import type { Drawing } from "../store/scene";
 import { strings } from "../strings";
-import { FormError, numberOf } from "../views/fields";
 
 export type MissionFormat = Schemas["MissionFormat"];
 

@@ -1,13 +1,12 @@
+import { metric } from "../candidates/site";
+import { numberOf } from "../candidates/values";
 import { saveAs } from "../components/download";
 import { Failure } from "../components/failure";
 import { CheckField, NumberField, SelectField } from "../components/fields";
-import { formatDuration } from "../components/format";
+import { formatDuration, formatLength } from "../components/format";
 import { capabilities } from "../store/capabilities";
-import type { SceneStore } from "../store/scene";
+import type { SceneProps, SceneStore } from "../store/scene";
 import { strings } from "../strings";
-import { numberOf } from "../views/fields";
-import { formatLength } from "../views/format";
-import { metric } from "../views/site";
 import { FlightFields } from "./flight-fields";
 import { HomeFields } from "./home-fields";
 import { allLeftOut, flightTime, flying, type MissionPart } from "./mission-files";
@@ -25,7 +24,7 @@ import { missionState } from "./mission-state";
 const texts = strings.plans.mission;
 
 /** Writes files for autopilots and ground stations from the shown ranking or plan, or the photographs. */
-export function MissionSection({ store }: { store: SceneStore }) {
+export function MissionSection({ store }: SceneProps) {
   const state = missionState(store);
   const form = state.usable();
   const set = (change: Partial<MissionForm>) => {
@@ -149,7 +148,7 @@ function FormatFields({ store, form, onChange }: FieldsProps) {
   );
 }
 
-function Files({ store }: { store: SceneStore }) {
+function Files({ store }: SceneProps) {
   const state = missionState(store);
   const prepared = state.prepared.value;
   if (!prepared) return null;

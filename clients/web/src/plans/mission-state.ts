@@ -1,7 +1,7 @@
 import { effect, type Signal, signal } from "@preact/signals";
+import { metric } from "../candidates/site";
 import { perScene } from "../store/per-scene";
 import type { SceneStore } from "../store/scene";
-import { metric } from "../views/site";
 import { flying, type MissionPart, missionParts } from "./mission-files";
 import { MISSION, type MissionForm, type MissionSource, objection } from "./mission-form";
 

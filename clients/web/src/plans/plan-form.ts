@@ -1,22 +1,21 @@
 import type { Schemas } from "../api/service";
-import type { Place } from "../store/scene";
-import { strings } from "../strings";
 import {
   CANDIDATES,
   type CandidatesForm,
   constraintsOf,
   type Generator,
   generatorOf,
-} from "../views/candidates-form";
-import { FormError, given, numberOf } from "../views/fields";
-import { type Start, startPose } from "../views/ranking-form";
-import { type Pose, poseAt, type Site } from "../views/site";
+} from "../candidates/candidates-form";
+import { type Pose, poseAt, type Site, STARTS, startPose } from "../candidates/site";
+import { FormError, given, numberOf } from "../candidates/values";
+import type { Place } from "../store/scene";
+import { strings } from "../strings";
 
 /** Where a vehicle starts. */
-export const VEHICLE_STARTS = ["last", "selected", "place", "coordinates"] as const;
+export const VEHICLE_STARTS = [...STARTS, "coordinates"] as const;
 
 export interface VehicleForm {
-  start: Start | "coordinates";
+  start: (typeof VEHICLE_STARTS)[number];
   place: Place | null;
   /** Latitude, longitude and altitude on Earth, else x, y and z in the world frame. */
   coordinates: readonly [string, string, string];

@@ -1,10 +1,10 @@
 import type { Schemas } from "../api/service";
+import { shareCandidate } from "../candidates/same-view";
+import { metric } from "../candidates/site";
+import { formatLength, formatShare } from "../components/format";
 import { WarningsList } from "../components/warnings-list";
 import type { SceneStore } from "../store/scene";
 import { strings } from "../strings";
-import { formatLength, formatShare } from "../views/format";
-import { shareCandidate } from "../views/same-view";
-import { metric } from "../views/site";
 
 const texts = strings.plans.result;
 

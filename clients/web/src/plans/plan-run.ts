@@ -1,9 +1,9 @@
 import { signal } from "@preact/signals";
 import { api, data } from "../api/service";
+import { followChosenDrawing } from "../candidates/candidates-form";
+import { siteOf } from "../candidates/site";
 import { perScene } from "../store/per-scene";
 import type { SceneStore } from "../store/scene";
-import { followChosenDrawing } from "../views/chosen-drawing";
-import { siteOf } from "../views/site";
 import { type From, PLAN, planRequest } from "./plan-form";
 
 /** What the panel of plans has of a scene: its form, and the plan that is being made. */

@@ -1,16 +1,14 @@
 import { api, data } from "../api/service";
+import { ConstraintFields, GeneratorFields, SourceFields } from "../candidates/candidates-fields";
+import { SOURCES } from "../candidates/candidates-form";
+import { NoModel, SnapshotField } from "../candidates/model-choice";
+import { metric } from "../candidates/site";
 import { Failure } from "../components/failure";
 import { CheckField, NumberField } from "../components/fields";
 import { History } from "../components/history";
-import type { SceneProps } from "../scene/scene-page";
-import type { SceneStore } from "../store/scene";
+import type { SceneProps } from "../store/scene";
 import { strings } from "../strings";
-import { ConstraintFields, GeneratorFields, SourceFields } from "../views/candidates-fields";
-import { SOURCES } from "../views/candidates-form";
-import { NoModel } from "../views/no-model";
-import { SnapshotField } from "../views/ranking-fields";
-import { metric } from "../views/site";
-import "../views/views.css";
+import "../candidates/panel.css";
 import { MissionSection } from "./mission-section";
 import type { PlanForm } from "./plan-form";
 import { PlanResult } from "./plan-result";
@@ -34,7 +32,7 @@ export function PlansPanel({ store }: SceneProps) {
   );
 }
 
-function PlanFormSection({ store }: { store: SceneStore }) {
+function PlanFormSection({ store }: SceneProps) {
   const run = planRun(store);
   const form = run.form.value;
   const set = (change: Partial<PlanForm>) => {
@@ -96,7 +94,7 @@ function PlanFormSection({ store }: { store: SceneStore }) {
   );
 }
 
-function Plans({ store }: { store: SceneStore }) {
+function Plans({ store }: SceneProps) {
   const path = (plan_id: string) => ({ params: { path: { plan_id } } });
   const show = async (id: string) => {
     store.plan.value = await data(api.GET("/v1/plans/{plan_id}", path(id)));

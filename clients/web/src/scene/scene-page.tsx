@@ -5,16 +5,11 @@ import { Tabs } from "../components/tabs";
 import { PhotographsPanel } from "../photographs/photographs-panel";
 import { PlansPanel } from "../plans/plans-panel";
 import { hrefOf, PANELS, type Panel, STAGES, type Stage } from "../router";
-import { SceneStore } from "../store/scene";
+import { type SceneProps, SceneStore } from "../store/scene";
 import { strings } from "../strings";
 import { ViewsPanel } from "../views/views-panel";
 import { WorkPanel } from "../work/work-panel";
 import { SceneTitle } from "./scene-title";
-
-/** What every part of a scene's page gets. */
-export interface SceneProps {
-  store: SceneStore;
-}
 
 const STAGE_COMPONENTS: Record<Stage, ComponentType<SceneProps>> = {
   view3d: lazy(async () => (await import("../view3d/view3d")).View3d),

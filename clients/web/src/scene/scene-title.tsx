@@ -3,11 +3,11 @@ import type { Schemas } from "../api/service";
 import { formatCount, formatPercent } from "../components/format";
 import { DropTarget } from "../photographs/add-files";
 import { uploadsOf } from "../photographs/uploads";
+import type { SceneProps } from "../store/scene";
 import { strings } from "../strings";
 import { CancelJob } from "../work/cancel-job";
 import { JobProgress } from "../work/job-progress";
 import { noticeJobs } from "./job-notices";
-import type { SceneProps } from "./scene-page";
 import "./scene-title.css";
 
 /** The scene's name and counts, whether the page is up to date, and what the service does now. */

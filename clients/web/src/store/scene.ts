@@ -261,3 +261,8 @@ export class SceneStore {
     }
   }
 }
+
+/** What every part of a scene's page gets. */
+export interface SceneProps {
+  store: SceneStore;
+}

@@ -7,8 +7,6 @@ export const en = {
   noModel: "There is no model yet, so there is nothing to rank or plan.",
   noModelHint:
     "Send photographs, and update the model under Photographs. This page shows it as soon as it is there.",
-  metres: (value: string) => `${value} m`,
-  units: (value: string) => `${value} units`,
   unit: { metres: "m", units: "units of the model" },
   form: {
     title: "What to rank",

@@ -2,7 +2,7 @@ import { useEffect, useRef, useState } from "preact/hooks";
 import { loadCameras } from "../api/artifacts";
 import type { Schemas } from "../api/service";
 import { formatCount, formatDate, formatDecibels } from "../components/format";
-import type { SceneProps } from "../scene/scene-page";
+import type { SceneProps } from "../store/scene";
 import { strings } from "../strings";
 import { posesIn } from "./compared-poses";
 import { sentence } from "./model-source";

@@ -1,4 +1,4 @@
-import { artifactPath } from "../api/artifacts";
+import { artifactPath } from "../api/paths";
 import { ServiceError } from "../api/problem";
 import { bytes } from "../api/service";
 import type { Camera } from "../geometry/frames";

@@ -1,5 +1,5 @@
 import { Object3D } from "three";
-import { artifactPath } from "../api/artifacts";
+import { artifactPath } from "../api/paths";
 import { bytes } from "../api/service";
 import type { Owned, WebglLayers } from "./webgl";
 

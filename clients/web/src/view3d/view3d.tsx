@@ -1,9 +1,8 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { hrefOf } from "../router";
-import type { SceneProps } from "../scene/scene-page";
-import { SelectionCard } from "../scene/selection-card";
+import { SelectionCard } from "../selection/selection-card";
 import { notify } from "../store/notices";
-import type { SceneStore } from "../store/scene";
+import type { SceneProps, SceneStore } from "../store/scene";
 import { strings } from "../strings";
 import { KeysDialog } from "./keys-dialog";
 import { LayersPanel } from "./layers-panel";

@@ -1,4 +1,5 @@
 import { useRef } from "preact/hooks";
+import { picturePath } from "../api/paths";
 import type { Schemas } from "../api/service";
 import { ServiceImage } from "../components/service-image";
 import { useVisible } from "../components/use-visible";
@@ -66,9 +67,4 @@ function Pictures({ store, ranking, candidate }: PicturesProps) {
       <span>{texts.figure(candidate.rank ?? 0, id)}</span>
     </button>
   );
-}
-
-/** The path of a picture of a candidate. */
-export function picturePath(rankingId: string, candidateId: string, kind: "render" | "spectrum"): string {
-  return `/v1/rankings/${rankingId}/candidates/${encodeURIComponent(candidateId)}/${kind}.png`;
 }

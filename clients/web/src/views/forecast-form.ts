@@ -1,10 +1,10 @@
 import type { Triple } from "../api/artifacts";
 import type { Schemas } from "../api/service";
+import { CANDIDATES, type CandidatesForm, generatorOf } from "../candidates/candidates-form";
+import type { Site } from "../candidates/site";
+import { usualRadius } from "../candidates/site";
 import { length, minus, rotate, unit } from "../geometry/vectors";
 import type { From } from "../plans/plan-form";
-import { CANDIDATES, type CandidatesForm, generatorOf } from "./candidates-form";
-import type { Site } from "./site";
-import { usualRadius } from "./site";
 
 /** Where it is shown what the model does not know. */
 export const FORECAST_PLACES = ["ground", "surface", "candidates"] as const;

@@ -1,10 +1,10 @@
 import { effect, signal, untracked } from "@preact/signals";
 import { api, data } from "../api/service";
+import { siteOf } from "../candidates/site";
 import { perScene } from "../store/per-scene";
 import type { SceneStore } from "../store/scene";
 import { type ForecastPlace, forecastRequest } from "./forecast-form";
 import { rankingRun } from "./ranking-run";
-import { siteOf } from "./site";
 
 /** The forecast that is shown of a scene; it follows the shown snapshot. */
 export class ForecastRun {

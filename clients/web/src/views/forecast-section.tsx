@@ -1,18 +1,18 @@
+import { siteOf } from "../candidates/site";
 import { Failure } from "../components/failure";
 import { SelectField } from "../components/fields";
+import { formatShare } from "../components/format";
 import { planRun } from "../plans/plan-run";
 import { go, route } from "../router";
-import type { SceneStore } from "../store/scene";
+import type { SceneProps, SceneStore } from "../store/scene";
 import { strings } from "../strings";
 import { FORECAST_PLACES, type ForecastPlace, leastKnown, summaryOf } from "./forecast-form";
 import { forecastRun } from "./forecast-run";
-import { formatShare } from "./format";
-import { siteOf } from "./site";
 
 const texts = strings.views.forecast;
 
 /** Shows what the model does not know, and plans a flight there. */
-export function ForecastSection({ store }: { store: SceneStore }) {
+export function ForecastSection({ store }: SceneProps) {
   const run = forecastRun(store);
   const place = run.place.value;
   const forecast = store.forecast.value;

@@ -1,19 +1,19 @@
+import { ConstraintFields, GeneratorFields, SourceFields } from "../candidates/candidates-fields";
+import { SOURCES } from "../candidates/candidates-form";
+import { SnapshotField } from "../candidates/model-choice";
+import { metric, STARTS } from "../candidates/site";
 import { CheckField, NumberField, SelectField } from "../components/fields";
-import { formatDate } from "../components/format";
 import { PickPlace } from "../components/pick-place";
 import { capabilities } from "../store/capabilities";
-import type { SceneStore } from "../store/scene";
+import type { SceneProps } from "../store/scene";
 import { strings } from "../strings";
-import { ConstraintFields, GeneratorFields, SourceFields } from "./candidates-fields";
-import { SOURCES } from "./candidates-form";
-import { RANKING, type RankingForm, STARTS } from "./ranking-form";
+import { RANKING, type RankingForm } from "./ranking-form";
 import { rankingRun } from "./ranking-run";
-import { metric } from "./site";
 
 const texts = strings.views.form;
 
 /** The fields of a ranking's form. */
-export function RankingFields({ store }: { store: SceneStore }) {
+export function RankingFields({ store }: SceneProps) {
   const { form: state } = rankingRun(store);
   const form = state.value;
   const set = (change: Partial<RankingForm>) => {
@@ -72,26 +72,5 @@ export function RankingFields({ store }: { store: SceneStore }) {
         </CheckField>
       </details>
     </>
-  );
-}
-
-/** The model that is shown, ranked and planned for. */
-export function SnapshotField({ store }: { store: SceneStore }) {
-  const snapshots = store.snapshots.value;
-  const chosen = snapshots.some(({ id }) => id === store.chosenSnapshot.value)
-    ? (store.chosenSnapshot.value ?? "")
-    : "";
-  return (
-    <SelectField
-      label={texts.snapshot}
-      value={chosen}
-      onValue={(id) => {
-        store.chosenSnapshot.value = id || null;
-      }}
-      options={[
-        { value: "", title: texts.newest },
-        ...snapshots.map(({ id, created_at }) => ({ value: id, title: formatDate(created_at) })),
-      ]}
-    />
   );
 }

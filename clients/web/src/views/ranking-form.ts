@@ -1,15 +1,10 @@
 import type { Schemas } from "../api/service";
+import { CANDIDATES, type CandidatesForm, constraintsOf, generatorOf } from "../candidates/candidates-form";
+import { type Site, type Start, startPose, usualRadius } from "../candidates/site";
+import { given, numberOf } from "../candidates/values";
 import type { Place } from "../store/scene";
-import { strings } from "../strings";
-import { CANDIDATES, type CandidatesForm, constraintsOf, generatorOf } from "./candidates-form";
-import { FormError, given, numberOf } from "./fields";
-import { lastImage, type Pose, poseAt, poseOfImage, type Site, usualRadius } from "./site";
 
 export type Method = Schemas["Capabilities"]["methods"][number];
-
-/** From where distances are measured. */
-export const STARTS = ["last", "selected", "place"] as const;
-export type Start = (typeof STARTS)[number];
 
 /** What the form of a ranking says. */
 export interface RankingForm {
@@ -58,16 +53,4 @@ export function rankingRequest(
     frame: site.frames.georeferenced ? "geodetic" : "world",
     ...(snapshotId !== null && { snapshot_id: snapshotId }),
   };
-}
-
-/** Where a camera is now. Throws `FormError`. */
-export function startPose(start: Start, place: Place | null, site: Site): Pose {
-  if (start === "place") {
-    if (!place) throw new FormError(strings.views.form.noPlace);
-    return poseAt(site, place);
-  }
-  const digest = start === "selected" ? site.selected : lastImage(site);
-  const pose = digest && poseOfImage(site, digest);
-  if (!pose) throw new FormError(strings.views.form.noImage);
-  return pose;
 }

@@ -1,12 +1,11 @@
 import { effect, signal, untracked } from "@preact/signals";
 import { rankingParts } from "../api/rankings";
 import type { Schemas } from "../api/service";
+import { expectedOf, followChosenDrawing } from "../candidates/candidates-form";
+import { siteOf } from "../candidates/site";
 import { perScene } from "../store/per-scene";
 import type { SceneStore } from "../store/scene";
-import { expectedOf } from "./candidates-form";
-import { followChosenDrawing } from "./chosen-drawing";
 import { RANKING, rankingRequest } from "./ranking-form";
-import { siteOf } from "./site";
 
 /** How far a ranking is. */
 export interface Progress {

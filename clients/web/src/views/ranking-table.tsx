@@ -1,10 +1,10 @@
 import { useEffect, useLayoutEffect, useRef, useState } from "preact/hooks";
 import type { Schemas } from "../api/service";
+import { metric } from "../candidates/site";
+import { formatLength, formatScore, formatShare } from "../components/format";
 import type { SceneStore } from "../store/scene";
 import { strings } from "../strings";
-import { formatLength, formatScore, formatShare } from "./format";
 import { COLUMNS, type Column, type Order, sorted } from "./order";
-import { metric } from "./site";
 
 const texts = strings.views.table;
 const PAGE = 50;

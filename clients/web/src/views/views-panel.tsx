@@ -3,14 +3,14 @@ import { Failure } from "../components/failure";
 import { CheckField } from "../components/fields";
 import { History } from "../components/history";
 import { WarningsList } from "../components/warnings-list";
-import type { SceneProps } from "../scene/scene-page";
-import type { SceneStore } from "../store/scene";
+import type { SceneProps, SceneStore } from "../store/scene";
 import { strings } from "../strings";
+import "../candidates/panel.css";
 import "./views.css";
+import { NoModel } from "../candidates/model-choice";
+import { numberOf } from "../candidates/values";
 import { ContactSheet } from "./contact-sheet";
-import { numberOf } from "./fields";
 import { ForecastSection } from "./forecast-section";
-import { NoModel } from "./no-model";
 import { RankingFields } from "./ranking-fields";
 import { rankingRun } from "./ranking-run";
 import { RankingTable } from "./ranking-table";
@@ -31,7 +31,7 @@ export function ViewsPanel({ store }: SceneProps) {
   );
 }
 
-function RankingForm({ store }: { store: SceneStore }) {
+function RankingForm({ store }: SceneProps) {
   const run = rankingRun(store);
   const progress = run.progress.value;
   const submit = (event: Event) => {
@@ -109,7 +109,7 @@ function Shown({ store, ranking }: { store: SceneStore; ranking: Schemas["Rankin
   );
 }
 
-function Rankings({ store }: { store: SceneStore }) {
+function Rankings({ store }: SceneProps) {
   const path = (ranking_id: string) => ({ params: { path: { ranking_id } } });
   const show = async (id: string) => {
     store.ranking.value = await data(api.GET("/v1/rankings/{ranking_id}", path(id)));

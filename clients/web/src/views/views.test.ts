@@ -1,14 +1,13 @@
 import { describe, expect, it } from "vitest";
 import type { SnapshotCameras } from "../api/artifacts";
 import type { Schemas } from "../api/service";
+import { CANDIDATES, expectedOf, generatorOf } from "../candidates/candidates-form";
+import { boxAround, lastImage, type Site } from "../candidates/site";
 import { Frames } from "../geometry/frames";
 import type { Drawing } from "../store/scene";
-import { CANDIDATES, expectedOf, generatorOf } from "./candidates-form";
 import { leastKnown, summaryOf } from "./forecast-form";
-import { fixed, formatLength, formatPose } from "./format";
 import { sorted } from "./order";
 import { RANKING, rankingRequest } from "./ranking-form";
-import { boxAround, lastImage, type Site } from "./site";
 
 const ORIGIN = {
   latitude_deg: 47.3977,
@@ -136,17 +135,6 @@ it("Candidates without a value come last, whatever the order", () => {
   expect(ids("score", false)).toEqual(["c2", "c1", "c10"]);
   expect(ids("score", true)).toEqual(["c1", "c2", "c10"]);
   expect(ids("id", false)).toEqual(["c1", "c2", "c10"]);
-});
-
-it("Lengths have three digits, and poses say above what they are", () => {
-  expect([fixed(0.1234, 3), fixed(12.345, 3), fixed(1234.5, 3)]).toEqual(["0.123", "12.3", "1235"]);
-  expect(formatLength(2, true)).toBe("2.00 m");
-  expect(formatLength(null, false)).toBe("–");
-  const angles = { yaw_deg: 90, pitch_deg: -45, roll_deg: 0 };
-  expect(formatPose({ ...ORIGIN, ...angles })).toEqual([
-    "47.3977000, 8.5456000, 480.0 m (sea level)",
-    "yaw 90.0°, pitch -45.0°",
-  ]);
 });
 
 describe("a forecast", () => {

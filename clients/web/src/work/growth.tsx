@@ -1,7 +1,7 @@
 import { useMemo } from "preact/hooks";
 import { formatCount, formatDate, formatDecibels } from "../components/format";
 import { lazy } from "../components/lazy";
-import type { SceneProps } from "../scene/scene-page";
+import type { SceneProps } from "../store/scene";
 import { strings } from "../strings";
 import { growthOf, type Growth as Series } from "./growth-series";
 

@@ -1,8 +1,8 @@
 import { useState } from "preact/hooks";
 import { api, type Schemas } from "../api/service";
 import { formatAge, formatDate, formatDuration } from "../components/format";
-import type { SceneProps } from "../scene/scene-page";
 import { report } from "../store/notices";
+import type { SceneProps } from "../store/scene";
 import { strings } from "../strings";
 import { CancelJob } from "./cancel-job";
 import { JobProgress } from "./job-progress";

@@ -1,7 +1,7 @@
 import { useState } from "preact/hooks";
 import type { Schemas } from "../api/service";
 import { go, route } from "../router";
-import type { SceneProps } from "../scene/scene-page";
+import type { SceneProps } from "../store/scene";
 import { strings } from "../strings";
 
 const texts = strings.work;

@@ -1,12 +1,11 @@
 import { useState } from "preact/hooks";
-import { artifactPath } from "../api/artifacts";
+import { artifactPath } from "../api/paths";
 import { api, type Schemas } from "../api/service";
 import { ConfirmDialog } from "../components/confirm-dialog";
 import { download } from "../components/download";
 import { formatAge, formatBytes, formatCount, formatDate, formatDecibels } from "../components/format";
-import type { SceneProps } from "../scene/scene-page";
 import { report } from "../store/notices";
-import type { SceneStore } from "../store/scene";
+import type { SceneProps, SceneStore } from "../store/scene";
 import { strings } from "../strings";
 
 const texts = strings.work.snapshots;

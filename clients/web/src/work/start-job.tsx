@@ -1,8 +1,8 @@
 import { useState } from "preact/hooks";
 import { api, type Schemas } from "../api/service";
 import { formatCount } from "../components/format";
-import type { SceneProps } from "../scene/scene-page";
 import { report } from "../store/notices";
+import type { SceneProps } from "../store/scene";
 import { strings } from "../strings";
 
 const texts = strings.work.start;

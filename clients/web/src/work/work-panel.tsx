@@ -1,4 +1,4 @@
-import type { SceneProps } from "../scene/scene-page";
+import type { SceneProps } from "../store/scene";
 import { strings } from "../strings";
 import { Growth } from "./growth";
 import { JobCard } from "./job-card";

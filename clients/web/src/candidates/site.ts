@@ -3,6 +3,8 @@ import type { Schemas } from "../api/service";
 import type { Frames } from "../geometry/frames";
 import { add, cross, dot, length, minus, rotate, times, unit } from "../geometry/vectors";
 import type { Drawing, Place, SceneStore } from "../store/scene";
+import { strings } from "../strings";
+import { FormError } from "./values";
 
 export type Pose = Schemas["FramePose"] | Schemas["VehiclePose"];
 
@@ -59,6 +61,22 @@ export function inOrder(site: Site): string[] {
 /** The registered image that was taken last; null while there is none. */
 export function lastImage(site: Site): string | null {
   return inOrder(site).at(-1) ?? null;
+}
+
+/** From where distances are measured. */
+export const STARTS = ["last", "selected", "place"] as const;
+export type Start = (typeof STARTS)[number];
+
+/** Where a camera is now. Throws `FormError`. */
+export function startPose(start: Start, place: Place | null, site: Site): Pose {
+  if (start === "place") {
+    if (!place) throw new FormError(strings.views.form.noPlace);
+    return poseAt(site, place);
+  }
+  const digest = start === "selected" ? site.selected : lastImage(site);
+  const pose = digest && poseOfImage(site, digest);
+  if (!pose) throw new FormError(strings.views.form.noImage);
+  return pose;
 }
 
 /** The pose of a vehicle over a place on Earth: as high as the last photograph, where none is given. */

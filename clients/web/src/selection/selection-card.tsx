@@ -1,11 +1,11 @@
 import { useState } from "preact/hooks";
+import { imagePath } from "../api/paths";
 import type { Schemas } from "../api/service";
 import { Dialog } from "../components/dialog";
 import { ServiceImage } from "../components/service-image";
-import type { SceneStore } from "../store/scene";
+import type { SceneProps, SceneStore } from "../store/scene";
 import { strings } from "../strings";
-import { CandidateCard } from "../views/candidate-card";
-import type { SceneProps } from "./scene-page";
+import { CandidateCard } from "./candidate-card";
 import "./selection-card.css";
 
 /** What is selected, on the stage: an image with its photograph, a candidate, or a stop of a plan. */
@@ -40,7 +40,7 @@ function ImageDetails({ store, image }: ImageDetailsProps) {
   const [enlarged, setEnlarged] = useState(false);
   const texts = strings.view3d.card;
   const view = store.cameras.value?.views.find((one) => one.image === image.digest);
-  const path = `/v1/scenes/${store.id}/images/${image.digest}/content`;
+  const path = imagePath(store.id, image.digest, "content");
   return (
     <>
       <ServiceImage path={path} alt={image.name} class="thumbnail" />

@@ -1,9 +1,10 @@
+import { effect, type Signal, untracked } from "@preact/signals";
 import type { Schemas } from "../api/service";
-import { drawingVolume } from "../map/drawing-volume";
-import type { Drawing } from "../store/scene";
+import type { Drawing, SceneStore } from "../store/scene";
 import { strings } from "../strings";
-import { FormError, given, numberOf } from "./fields";
+import { drawingVolume } from "./drawing-volume";
 import { boxAround, type Site } from "./site";
+import { FormError, given, numberOf } from "./values";
 
 /** Where candidates come from: generators, of which two are `in-volume`. */
 export const SOURCES = ["orbit", "grid", "dataset", "around-current", "box", "drawing"] as const;
@@ -108,4 +109,20 @@ function drawnVolume(form: CandidatesForm, site: Site): Schemas["Prism"] | Schem
   const drawing = drawn.find(({ id }) => id === form.drawing) ?? drawn[0];
   if (!drawing) throw new FormError(strings.views.form.nothingDrawn);
   return drawingVolume(drawing, site.frames);
+}
+
+/** Let a form make its candidates in an area or a corridor as soon as that is chosen on the map. */
+export function followChosenDrawing<Form extends { candidates: CandidatesForm }>(
+  store: SceneStore,
+  form: Signal<Form>,
+): void {
+  effect(() => {
+    const chosen = store.chosenDrawing.value;
+    untracked(() => {
+      const drawing = areas(store.drawings.value).find(({ id }) => id === chosen);
+      if (!drawing) return;
+      const change = { source: "drawing" as const, drawing: drawing.id, look: "nearest" as const };
+      form.value = { ...form.value, candidates: { ...form.value.candidates, ...change } };
+    });
+  });
 }

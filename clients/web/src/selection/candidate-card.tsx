@@ -1,16 +1,15 @@
 import { useState } from "preact/hooks";
+import { picturePath } from "../api/paths";
 import { api, data, type Schemas } from "../api/service";
+import { shareCandidate, visitsOf } from "../candidates/same-view";
+import { metric } from "../candidates/site";
+import { formatLength, formatPose, formatScore, formatShare } from "../components/format";
 import { ServiceImage } from "../components/service-image";
 import { planRun } from "../plans/plan-run";
 import { go, route } from "../router";
 import { notify, report } from "../store/notices";
 import type { SceneStore } from "../store/scene";
 import { strings } from "../strings";
-import "./views.css";
-import { picturePath } from "./contact-sheet";
-import { formatLength, formatPose, formatScore, formatShare } from "./format";
-import { shareCandidate, visitsOf } from "./same-view";
-import { metric } from "./site";
 
 const texts = strings.views.card;
 const VEHICLE = "fvs-vehicle";
