@@ -22,7 +22,7 @@ const FAR = 3;
 /**
  * The canvases of the view, one above the other: the service's render, WebGL, and an overlay.
  *
- * Without WebGL the overlay draws lines and points, too; in software it is eight times as fast at that.
+ * Without WebGL, or with WebGL in software, the overlay draws lines and points, too.
  */
 export class Stage {
   width = 1;
