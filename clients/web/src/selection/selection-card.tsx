@@ -40,10 +40,12 @@ function ImageDetails({ store, image }: ImageDetailsProps) {
   const [enlarged, setEnlarged] = useState(false);
   const texts = strings.view3d.card;
   const view = store.cameras.value?.views.find((one) => one.image === image.digest);
-  const path = imagePath(store.id, image.digest, "content");
+  const path = (of: "content" | "thumbnail") => imagePath(store.id, image.digest, of);
   return (
     <>
-      <ServiceImage path={path} alt={image.name} class="thumbnail" />
+      {image.verdict === "accepted" && (
+        <ServiceImage path={path("thumbnail")} alt={image.name} class="thumbnail" />
+      )}
       <p>
         {texts.registration[image.registration]} {image.reason} <span class="hint">{image.hint}</span>
       </p>
@@ -64,7 +66,7 @@ function ImageDetails({ store, image }: ImageDetailsProps) {
       </p>
       {enlarged && (
         <Dialog title={image.name} onClose={() => setEnlarged(false)}>
-          <ServiceImage path={path} alt={image.name} class="photograph" />
+          <ServiceImage path={path("content")} alt={image.name} class="photograph" />
         </Dialog>
       )}
     </>
