@@ -103,8 +103,8 @@ function usualAltitude(site: Site): number {
 export function boxAround(site: Site, margin: number): Schemas["Box"] {
   const { lower, upper, views } = site.cameras;
   const up = upwards(site);
-  const along = unit(level(Math.abs(up[0]) < 0.9 ? [1, 0, 0] : [0, 1, 0], up));
-  const axes = [along, cross(up, along), up] as const;
+  const [along, across] = levelAxes(up);
+  const axes = [along, across, up] as const;
   const corners = [0, 1, 2, 3, 4, 5, 6, 7].map(
     (bits): Triple => [
       (bits & 1 ? upper : lower)[0],
@@ -126,12 +126,15 @@ export function boxAround(site: Site, margin: number): Schemas["Box"] {
 }
 
 /** The upward direction of the model, in the world frame. */
-function upwards(site: Site): Triple {
-  return unit(rotate(site.frames.alignment.rotation_wxyz, site.cameras.up));
+export function upwards({ frames, cameras }: Site): Triple {
+  return unit(rotate(frames.alignment.rotation_wxyz, frames.modelUp(cameras.up)));
 }
 
-function level(direction: Triple, up: Triple): Triple {
-  return minus(direction, times(up, dot(direction, up)));
+/** Two level directions at right angles. */
+export function levelAxes(up: Triple): readonly [Triple, Triple] {
+  const axis: Triple = Math.abs(up[0]) < 0.9 ? [1, 0, 0] : [0, 1, 0];
+  const along = unit(minus(axis, times(up, dot(axis, up))));
+  return [along, cross(up, along)];
 }
 
 /** The distance of a radius around a camera in which there is something to choose: half way to the middle. */

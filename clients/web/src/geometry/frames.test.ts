@@ -82,6 +82,12 @@ describe("the frames of a snapshot", () => {
     }
   });
 
+  it("have the world's z axis up, whichever way cameras are held, once they are aligned", () => {
+    const tilted = { ...frames.alignment, rotation_wxyz: [Math.SQRT1_2, Math.SQRT1_2, 0, 0] as Quaternion };
+    close(new Frames(tilted, ORIGIN).modelUp([1, 0, 0]), [0, 1, 0]);
+    close(new Frames({ ...tilted, status: "model" }, null).modelUp([1, 0, 0]), [1, 0, 0]);
+  });
+
   it("have no place on Earth without an origin", () => {
     const local = new Frames(frames.alignment, null);
     expect(local.geodeticFromModel([0, 0, 0])).toBeNull();

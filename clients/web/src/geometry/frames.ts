@@ -26,6 +26,12 @@ export class Frames {
     return this.enu !== null && this.alignment.status !== "model";
   }
 
+  /** The upward direction of the model; `cameras` is that of its cameras, which counts where nothing tells more. */
+  modelUp(cameras: Triple): Triple {
+    const { status, rotation_wxyz } = this.alignment;
+    return status === "model" ? cameras : rotate(conjugate(rotation_wxyz), [0, 0, 1]);
+  }
+
   worldFromModel(point: Triple): Triple {
     const { scale, rotation_wxyz, translation } = this.alignment;
     return add(times(rotate(rotation_wxyz, point), scale), translation);

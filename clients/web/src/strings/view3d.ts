@@ -26,7 +26,7 @@ export const en = {
     splat: "Model",
     points: "Sparse points",
     images: "Photographs",
-    unregistered: "Photographs without a pose",
+    unregistered: "Photographs not in the model",
     candidates: "Candidates",
     visits: "Views of vehicles",
     route: "Planned route",
@@ -47,7 +47,7 @@ export const en = {
     label: "Colours",
     kinds: {
       registered: "photograph",
-      unregistered: "without a pose",
+      unregistered: "not in the model",
       unranked: "not ranked",
       "going-to": "a vehicle flies there",
       taken: "taken by a vehicle",

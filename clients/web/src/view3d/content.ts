@@ -100,7 +100,7 @@ export function contentOf(store: SceneStore): Content {
   const { centre, radius } = sphereOf(box);
   return {
     intrinsics: cameras?.camera ?? DEFAULT_INTRINSICS,
-    up: cameras?.up ?? [0, 0, 1],
+    up: cameras ? frames.modelUp(cameras.up) : [0, 0, 1],
     north: frames.georeferenced || (!cameras && frames.enu) ? northOf(frames) : null,
     metres: frames.alignment.status !== "model" ? frames.alignment.scale : null,
     centre: cameras?.centre ?? centre,

@@ -1,9 +1,8 @@
 import type { Triple } from "../api/artifacts";
 import type { Schemas } from "../api/service";
 import { CANDIDATES, type CandidatesForm, generatorOf } from "../candidates/candidates-form";
-import type { Site } from "../candidates/site";
-import { usualRadius } from "../candidates/site";
-import { length, minus, rotate, unit } from "../geometry/vectors";
+import { levelAxes, type Pose, type Site, upwards, usualRadius } from "../candidates/site";
+import { dot, length, minus, times } from "../geometry/vectors";
 import type { From } from "../plans/plan-form";
 
 /** Where it is shown what the model does not know. */
@@ -77,11 +76,17 @@ export function summaryOf(forecast: Schemas["Forecast"]): ForecastSummary {
   };
 }
 
-/** Candidates for a flight to where a forecast has the highest variance. */
-export function leastKnown(forecast: Schemas["Forecast"], site: Site): From {
+/**
+ * Candidates for a flight to where a forecast has the highest variance.
+ *
+ * Over the ground they are among the photographs: outside of these the variance is highest everywhere, and a view
+ * from there could not be registered.
+ */
+export function leastKnown(place: ForecastPlace, forecast: Schemas["Forecast"], site: Site): From {
   const sorted = [...forecast.samples].sort((a, b) => b.variance - a.variance);
-  const candidates = sorted.flatMap(({ id, pose }) => (pose ? [{ id, pose }] : [])).slice(0, FLOWN);
-  if (candidates.length > 0) return { candidates };
+  const views = sorted.flatMap(({ id, pose }) => (pose ? [{ id, pose }] : []));
+  const among = place === "ground" ? amongPhotographs(views, site) : views;
+  if (among.length > 0) return { candidates: spread(among.slice(0, Math.max(FLOWN, among.length / 2))) };
   const worst = sorted.slice(0, Math.max(1, Math.round(sorted.length * LEAST_KNOWN)));
   const places = worst.flatMap(({ position }) => (position ? [worldPosition(position, site)] : []));
   const centre = median(places);
@@ -92,9 +97,51 @@ export function leastKnown(forecast: Schemas["Forecast"], site: Site): From {
     inner: 0.5 * distance,
     outer: 1.1 * distance,
     above: 0,
-    up: unit(rotate(site.frames.alignment.rotation_wxyz, site.cameras.up)),
+    up: upwards(site),
   };
   return { generator: { kind: "in-volume", volume, count: FLOWN, aim: nearest(places, centre) } };
+}
+
+/** Those that photographs surround, as seen from above, and those as near to one as its neighbour is. */
+function amongPhotographs<View extends { pose: Pose }>(views: readonly View[], site: Site): View[] {
+  const up = upwards(site);
+  const flat = (point: Triple) => minus(point, times(up, dot(point, up)));
+  const photographs = site.cameras.views.map((view) => flat(site.frames.worldFromModel(view.position)));
+  const near = middle(
+    photographs.map((one) =>
+      nearestDistance(
+        one,
+        photographs.filter((other) => other !== one),
+      ),
+    ),
+  );
+  const [east, north] = levelAxes(up);
+  return views.filter(({ pose }) => {
+    const camera = site.frames.cameraInModel(pose);
+    if (!camera) return false;
+    const place = flat(site.frames.worldFromModel(camera.position));
+    if (nearestDistance(place, photographs) <= near / 2) return true;
+    const bearings = photographs.map((one) => {
+      const way = minus(one, place);
+      return Math.atan2(dot(way, north), dot(way, east));
+    });
+    return widestGap(bearings) < Math.PI;
+  });
+}
+
+/** The widest angle between neighbouring bearings, in radians. */
+function widestGap(bearings: readonly number[]): number {
+  const sorted = [...bearings].sort((a, b) => a - b);
+  return sorted.reduce((widest, one, index) => {
+    const next = sorted[index + 1] ?? (sorted[0] as number) + 2 * Math.PI;
+    return Math.max(widest, next - one);
+  }, 0);
+}
+
+/** At most `FLOWN` of the views, evenly from all of them. */
+function spread<View>(views: readonly View[]): View[] {
+  const step = Math.max(1, views.length / FLOWN);
+  return views.filter((_, index) => Math.floor(index / step) !== Math.floor((index - 1) / step));
 }
 
 /** A position of a forecast, in the world frame. */
@@ -111,10 +158,15 @@ function mean(values: readonly number[]): number {
 }
 
 function median(places: readonly Triple[]): Triple {
-  return [0, 1, 2].map((axis) => {
-    const along = places.map((place) => place[axis] as number).sort((a, b) => a - b);
-    return along[along.length >> 1] ?? 0;
-  }) as Triple;
+  return [0, 1, 2].map((axis) => middle(places.map((place) => place[axis] as number))) as Triple;
+}
+
+function middle(values: readonly number[]): number {
+  return [...values].sort((a, b) => a - b)[values.length >> 1] ?? 0;
+}
+
+function nearestDistance(place: Triple, others: readonly Triple[]): number {
+  return others.reduce((least, one) => Math.min(least, length(minus(one, place))), Number.POSITIVE_INFINITY);
 }
 
 function nearest(places: readonly Triple[], to: Triple): Triple {

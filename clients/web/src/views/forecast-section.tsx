@@ -18,8 +18,8 @@ export function ForecastSection({ store }: SceneProps) {
   const forecast = store.forecast.value;
   const fly = () => {
     const site = siteOf(store);
-    if (!forecast || !site) return;
-    void planRun(store).startFrom(leastKnown(forecast, site));
+    if (!place || !forecast || !site) return;
+    void planRun(store).startFrom(leastKnown(place, forecast, site));
     const now = route.value;
     if (now.page === "scene") go({ ...now, panel: "plans" });
   };

@@ -160,11 +160,27 @@ describe("a forecast", () => {
 
   it("is flown where its variance is highest: around the surface, or at the candidates", () => {
     const surface = forecast([sample("a", 0.1, null), sample("b", 0.9, null)], false);
-    expect(leastKnown(surface, siteWith([]))).toMatchObject({
+    expect(leastKnown("surface", surface, siteWith([]))).toMatchObject({
       generator: { kind: "in-volume", aim: [0.9, 0, 0], volume: { kind: "shell", centre: [0.9, 0, 0] } },
     });
     const pose = { frame: "world" as const, position: [0, 0, 1], orientation_wxyz: [0, 1, 0, 0] };
     const poses = forecast([{ ...sample("a", 0.1, null), pose: pose as never }], false);
-    expect(leastKnown(poses, siteWith([]))).toEqual({ candidates: [{ id: "a", pose }] });
+    expect(leastKnown("candidates", poses, siteWith([]))).toEqual({ candidates: [{ id: "a", pose }] });
+  });
+
+  it("is flown over the ground where photographs surround it, not where nothing was photographed", () => {
+    const site = siteWith([]);
+    const corners = [[0, 0, 3], [4, 0, 3], [4, 4, 3], [0, 4, 3]]; // biome-ignore format: a square
+    const views = corners.map((position, index) => ({ ...CAMERAS.views[0], image: `${index}`, position }));
+    const over = (id: string, x: number, y: number, variance: number) => {
+      const pose = { frame: "world", position: [x, y, 6], orientation_wxyz: [0, 1, 0, 0] };
+      return { ...sample(id, variance, null), pose: pose as never };
+    };
+    const samples = [over("outside", 40, 4, 0.9), over("gap", 4, 4, 0.5), over("edge", 4, -3, 0.4)];
+    const cameras = { ...CAMERAS, views } as SnapshotCameras;
+    const { candidates } = leastKnown("ground", forecast(samples, false), { ...site, cameras }) as {
+      candidates: { id: string }[];
+    };
+    expect(candidates.map(({ id }) => id)).toEqual(["gap"]);
   });
 });
