@@ -1,6 +1,8 @@
 import type { Flat } from "./polygons";
 
+/** Room around what is shown; the tools lie over the upper edge. */
 const MARGIN_PX = 48;
+const UPPER_MARGIN_PX = 72;
 
 /** The part of the plane that the map shows: its middle, and how many px a unit has. North is up. */
 export interface Viewport {
@@ -47,8 +49,10 @@ export function fitted(view: Viewport, points: readonly Flat[], least: number): 
   const [west, east] = [Math.min(...xs), Math.max(...xs)];
   const [south, north] = [Math.min(...ys), Math.max(...ys)];
   const along = Math.max(1, view.width - 2 * MARGIN_PX) / Math.max(least, east - west);
-  const up = Math.max(1, view.height - 2 * MARGIN_PX) / Math.max(least, north - south);
-  return { ...view, centre: [(west + east) / 2, (south + north) / 2], pxPerUnit: Math.min(along, up) };
+  const up = Math.max(1, view.height - UPPER_MARGIN_PX - MARGIN_PX) / Math.max(least, north - south);
+  const pxPerUnit = Math.min(along, up);
+  const lower = (UPPER_MARGIN_PX - MARGIN_PX) / 2 / pxPerUnit;
+  return { ...view, centre: [(west + east) / 2, (south + north) / 2 + lower], pxPerUnit };
 }
 
 /** The largest of 1, 2, 5, 10, 20, … units that is at most `most` px long. */

@@ -2,7 +2,10 @@ import { signal } from "@preact/signals";
 import { ServiceError } from "../api/problem";
 import { strings } from "../strings";
 
-/** A sentence for the operator that stays until it is closed. */
+/** How long a success is shown; what needs a reaction stays until it is closed. */
+const SUCCESS_MS = 8000;
+
+/** A sentence for the operator. */
 export interface Notice {
   id: number;
   kind: "error" | "warning" | "success";
@@ -17,7 +20,9 @@ let next = 1;
 /** Show a notice; one that is already shown is not repeated. */
 export function notify(kind: Notice["kind"], message: string, hint = ""): void {
   if (notices.value.some((one) => one.message === message)) return;
-  notices.value = [...notices.value, { id: next++, kind, message, hint }];
+  const id = next++;
+  notices.value = [...notices.value, { id, kind, message, hint }];
+  if (kind === "success") setTimeout(() => dismiss(id), SUCCESS_MS);
 }
 
 export function dismiss(id: number): void {

@@ -16,6 +16,7 @@ export function GrowthChart({ growth }: { growth: Growth }) {
     <>
       {growth.psnr_db.some((level) => level !== null) ? (
         <Chart
+          key="psnr"
           title={texts.psnr}
           data={[numbers, growth.psnr_db]}
           lines={[{ label: texts.psnrShort, colour: "--accent", scale: "y" }]}
@@ -26,6 +27,7 @@ export function GrowthChart({ growth }: { growth: Growth }) {
         </p>
       )}
       <Chart
+        key="size"
         title={`${texts.gaussians}, ${texts.points}`}
         data={[numbers, growth.gaussians, growth.points]}
         lines={[

@@ -8,9 +8,14 @@ export interface Growth {
   points: number[];
 }
 
-/** The growth that a list of snapshots, the newest first, shows; fine models are no part of it. */
+/** Whether a snapshot of a list, the newest first, is the preview that an update wrote before its model. */
+export function isPreview(one: Schemas["Snapshot"], snapshots: readonly Schemas["Snapshot"][]): boolean {
+  return snapshots.find(({ job_id }) => job_id === one.job_id) !== one;
+}
+
+/** The growth that a list of snapshots, the newest first, shows; previews and fine models are no part of it. */
 export function growthOf(snapshots: readonly Schemas["Snapshot"][]): Growth {
-  const updates = snapshots.filter((one) => one.kind === "update").toReversed();
+  const updates = snapshots.filter((one) => one.kind === "update" && !isPreview(one, snapshots)).toReversed();
   return {
     snapshots: updates,
     psnr_db: updates.map((one) => one.metrics.new_images_psnr_db),

@@ -6,7 +6,10 @@ import { strings } from "../strings";
 export function doing(job: Schemas["Job"]): string {
   if (job.cancel_requested) return strings.work.canceling;
   if (job.state === "queued") {
-    return job.waiting ? strings.work.waiting[job.waiting.reason] : strings.work.states.queued;
+    const { waiting } = job;
+    if (!waiting) return strings.work.states.queued;
+    const isNext = waiting.reason === "queue" && waiting.place === 1;
+    return isNext ? strings.work.isNext : strings.work.waiting[waiting.reason];
   }
   return job.stage ? strings.work.stages[job.stage] : strings.work.states.running;
 }
@@ -15,7 +18,7 @@ export function doing(job: Schemas["Job"]): string {
 export function remaining(job: Schemas["Job"]): string {
   if (job.state === "queued") {
     const eta = job.waiting?.eta_s ?? null;
-    return eta === null ? "" : strings.work.startsIn(formatDuration(eta));
+    return eta === null || eta < 1 ? "" : strings.work.startsIn(formatDuration(eta));
   }
   return job.eta_s === null ? "" : strings.work.left(formatDuration(job.eta_s));
 }

@@ -7,6 +7,7 @@ import { formatAge, formatBytes, formatCount, formatDate, formatDecibels } from 
 import { report } from "../store/notices";
 import type { SceneProps, SceneStore } from "../store/scene";
 import { strings } from "../strings";
+import { isPreview } from "./growth-series";
 
 const texts = strings.work.snapshots;
 
@@ -30,7 +31,13 @@ export function Snapshots({ store }: SceneProps) {
       </div>
       {snapshots.length === 0 && <p class="muted">{texts.none}</p>}
       {snapshots.map((one, index) => (
-        <SnapshotCard key={one.id} snapshot={one} store={store} newest={index === 0} />
+        <SnapshotCard
+          key={one.id}
+          snapshot={one}
+          store={store}
+          newest={index === 0}
+          preview={isPreview(one, snapshots)}
+        />
       ))}
     </section>
   );
@@ -40,9 +47,10 @@ interface CardProps {
   snapshot: Schemas["Snapshot"];
   store: SceneStore;
   newest: boolean;
+  preview: boolean;
 }
 
-function SnapshotCard({ snapshot, store, newest }: CardProps) {
+function SnapshotCard({ snapshot, store, newest, preview }: CardProps) {
   const [deleting, setDeleting] = useState(false);
   const when = formatDate(snapshot.created_at);
   const shown = store.snapshot.value?.id === snapshot.id;
@@ -59,8 +67,8 @@ function SnapshotCard({ snapshot, store, newest }: CardProps) {
     <article class="snapshot-card" aria-label={when}>
       <div class="head">
         <span class="grow" title={when}>
-          <strong>{strings.work.kinds[snapshot.kind]}</strong> {formatAge(snapshot.created_at)}{" "}
-          {newest && <span class="badge muted">{texts.newest}</span>}{" "}
+          <strong>{preview ? texts.preview : strings.work.kinds[snapshot.kind]}</strong>{" "}
+          {formatAge(snapshot.created_at)} {newest && <span class="badge muted">{texts.newest}</span>}{" "}
           {shown && <span class="badge good">{texts.shown}</span>}{" "}
           {snapshot.pinned && <span class="badge">{texts.pinned}</span>}
         </span>

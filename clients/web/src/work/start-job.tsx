@@ -47,8 +47,12 @@ export function StartJob({ store }: SceneProps) {
       <details>
         <summary class="small">{texts.settings}</summary>
         <div class="fields">
-          <Field name="iterations" label={texts.iterations} min={1} max={100_000} />
-          <Field name="long_side_px" label={texts.longSide} min={64} max={8192} />
+          {(kind === "fine" || !hasModel) && (
+            <>
+              <Field name="iterations" label={texts.iterations} min={1} max={100_000} />
+              <Field name="long_side_px" label={texts.longSide} min={64} max={8192} />
+            </>
+          )}
           {kind === "fine" && (
             <Field name="test_every" label={texts.testEvery} min={2} max={1000} hint={texts.testEveryHint} />
           )}
