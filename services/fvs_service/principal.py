@@ -41,10 +41,11 @@ class Principal:
         """Raise ``ForbiddenError`` without the scope, ``NotFoundError`` for a scene other than the key's."""
         if self.scene_id is not None and scene_id is not None and scene_id != self.scene_id:
             raise NotFoundError("There is no such scene.")
-        if scope not in self.scopes or (self.scene_id is not None and scene_id is None):
+        bound = self.scene_id is not None and scene_id is None
+        if bound or scope not in self.scopes:
             raise ForbiddenError(
                 f"This needs a key with the scope {scope.value!r}"
-                + (" that is not bound to one scene." if self.scene_id is not None else "."),
+                + (" that is not bound to one scene." if bound else "."),
                 hint="Create another key: fvs keys create --scope …",
             )
 

@@ -130,10 +130,14 @@ class Retention(Record):
     """Number of days for which an idempotency key is kept: a repeated request creates nothing new."""
 
 
+_TILES = r"^https?://([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\])(:[0-9]{1,5})?/\S*\{z\}\S*$"
+"""The host becomes part of a header, in which other characters would have a meaning."""
+
+
 class BasemapSettings(Record):
     """What the console's map shows below the scene; by default nothing, so that it contacts nobody."""
 
-    tiles: str | None = Field(default=None, pattern=r"^https?://[^/?#@*\s{}]+/\S*\{z\}\S*$", max_length=500)
+    tiles: str | None = Field(default=None, pattern=_TILES, max_length=500)
     """URL of raster tiles with ``{z}``, ``{x}`` and ``{y}``. Browsers that show the console load them."""
     archive: FilePath | None = None
     """A file of tiles (PMTiles 3) that the service sends: raster tiles, or vectors as Protomaps has."""

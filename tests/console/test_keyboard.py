@@ -50,6 +50,18 @@ def test_from_a_scene_to_a_mission_by_keyboard(
     assert downloaded.value.suggested_filename.endswith(".plan")
 
 
+def test_the_skip_link_leads_to_the_content_of_the_same_page(
+    open_page: Opener, console_service: RunningService, courtyard: Scene
+) -> None:
+    page, _ = open_page(console_service.url, f"#/scenes/{courtyard.id}/map/work")
+    expect(page.get_by_role("heading", name=courtyard.name)).to_be_visible()
+    before = page.url
+    _press(page, page.get_by_role("link", name="Skip to the content"))
+    expect(page.get_by_role("main")).to_be_focused()
+    assert page.url == before
+    expect(page.get_by_role("heading", name=courtyard.name)).to_be_visible()
+
+
 def _draw(page: Page) -> None:
     """A rectangle about the middle of the map, with the arrow keys."""
     _press(page, page.get_by_role("group", name="Draw").get_by_role("button", name="Area"))

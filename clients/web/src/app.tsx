@@ -16,7 +16,15 @@ export function App() {
   const now = route.value;
   return (
     <>
-      <a class="skip" href="#content">
+      {/* biome-ignore lint/a11y/useValidAnchor: the URL's fragment is the route, so it cannot lead to a place, too. */}
+      <a
+        class="skip"
+        href="#content"
+        onClick={(event) => {
+          event.preventDefault();
+          document.getElementById("content")?.focus();
+        }}
+      >
         {strings.skip}
       </a>
       <header class="bar">

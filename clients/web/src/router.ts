@@ -8,6 +8,9 @@ export type Stage = (typeof STAGES)[number];
 export const PANELS = ["photographs", "views", "plans", "work"] as const;
 export type Panel = (typeof PANELS)[number];
 
+/** An id of the service. Other texts could lead to other paths of it. */
+const ID = /^\w+$/;
+
 const fragment = signal(location.hash);
 addEventListener("hashchange", () => {
   fragment.value = location.hash;
@@ -17,8 +20,8 @@ export const route = computed(() => parseRoute(fragment.value));
 
 /** The route that a fragment names; unknown ones are the list of scenes. */
 export function parseRoute(hash: string): Route {
-  const [noun, sceneId, stage, panel] = hash.replace(/^#\/?/, "").split("/").map(decodeURIComponent);
-  if (noun !== "scenes" || !sceneId) return { page: "scenes" };
+  const [noun, sceneId, stage, panel] = hash.replace(/^#\/?/, "").split("/");
+  if (noun !== "scenes" || !sceneId || !ID.test(sceneId)) return { page: "scenes" };
   return {
     page: "scene",
     sceneId,
@@ -30,7 +33,7 @@ export function parseRoute(hash: string): Route {
 /** The fragment of a route. */
 export function hrefOf(route: Route): string {
   if (route.page === "scenes") return "#/";
-  return `#/scenes/${encodeURIComponent(route.sceneId)}/${route.stage}/${route.panel}`;
+  return `#/scenes/${route.sceneId}/${route.stage}/${route.panel}`;
 }
 
 export function go(to: Route): void {

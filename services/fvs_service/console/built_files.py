@@ -24,13 +24,11 @@ class BuiltFile(NamedTuple):
     media_type: str
 
 
-@cache
 def built_file(name: str) -> BuiltFile | None:
     """The file with a name of the build's folder ``assets``; None when there is none."""
     return _read(_FOLDER / "assets" / name) if name in _names() else None
 
 
-@cache
 def index_page() -> BuiltFile:
     """The page itself."""
     return _read(_FOLDER / _INDEX)
@@ -41,6 +39,7 @@ def _names() -> frozenset[str]:
     return frozenset(path.name for path in (_FOLDER / "assets").iterdir())
 
 
+@cache  # of files that exist: anybody can ask for any number of names
 def _read(path: Path) -> BuiltFile:
     content = path.read_bytes()
     return BuiltFile(content, gzip.compress(content, mtime=0), _MEDIA_TYPES[path.suffix])

@@ -8,6 +8,7 @@ from starlette.responses import FileResponse, RedirectResponse
 from fvs_service.console.built_files import BuiltFile, built_file, index_page
 from fvs_service.errors import NotFoundError
 from fvs_service.gateway.capabilities import ARCHIVE_URL
+from fvs_service.gateway.rest.compression import accepts_gzip
 from fvs_service.gateway.rest.dependencies import KnownQuery
 from fvs_service.gateway.rest.pages import DOCS_URL
 from fvs_service.gateway.rest.routing import HeadRouter
@@ -70,12 +71,17 @@ def _add_files(router: HeadRouter, basemap: BasemapSettings) -> None:
         @router.get(ARCHIVE_URL)
         def get_basemap() -> FileResponse:
             """The archive of the map's tiles, of which the page reads ranges."""
+            if not archive.is_file():
+                raise NotFoundError(
+                    "The archive of the map's tiles is gone.",
+                    hint="Put the file of FVS_BASEMAP__ARCHIVE back.",
+                )
             return FileResponse(archive, media_type="application/vnd.pmtiles")
 
 
 def _response(file: BuiltFile, request: Request, headers: dict[str, str]) -> Response:
     headers = {**headers, "Vary": "Accept, Accept-Encoding"}
-    if "gzip" not in request.headers.get("accept-encoding", ""):
+    if not accepts_gzip(request.headers):
         return Response(file.content, headers=headers, media_type=file.media_type)
     return Response(
         file.compressed, headers={**headers, "Content-Encoding": "gzip"}, media_type=file.media_type

@@ -113,14 +113,16 @@ def tenant_of(reader: Reader, scene_id: str) -> str:
     return tenant_id
 
 
-def scenes_of_tenant(session: Session, tenant_id: str, page: ScenePage) -> SceneList:
-    """The scenes of a tenant, the newest first; refuses a cursor of another list."""
-    query = select(SceneRow).where(SceneRow.tenant_id == tenant_id)
+def scenes_of(session: Session, principal: Principal, page: ScenePage) -> SceneList:
+    """The scenes of the principal's tenant, or the one of its key; refuses a cursor of another list."""
+    query = select(SceneRow).where(SceneRow.tenant_id == principal.tenant_id)
+    if principal.scene_id is not None:
+        query = query.where(SceneRow.id == principal.scene_id)
     if page.name is not None:
         query = query.where(SceneRow.request["name"].as_string() == page.name)
     if page.search is not None:
         query = query.where(SceneRow.folded_name.contains(_folded(page.search), autoescape=True))
-    cursors = Cursors("scenes", tenant_id, page.name or "", page.search or "")
+    cursors = Cursors("scenes", principal.tenant_id, page.name or "", page.search or "")
     rows, following = newest_first(session, query, SceneRow, page, cursors)
     return SceneList(items=_scenes(session, rows), next=following)
 

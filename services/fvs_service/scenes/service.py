@@ -134,10 +134,10 @@ class Scenes:
             return repository.size_of(session, scene_id)
 
     def all(self, principal: Principal, page: ScenePage) -> SceneList:
-        """The tenant's scenes, the newest first; refuses a cursor of another list."""
-        principal.require(Scope.READ)
+        """The scenes that the principal can see, the newest first; refuses a cursor of another list."""
+        principal.require(Scope.READ, principal.scene_id)
         with self._database.reading() as session:
-            return repository.scenes_of_tenant(session, principal.tenant_id, page)
+            return repository.scenes_of(session, principal, page)
 
 
 def require_tag(

@@ -2,10 +2,12 @@
 
 import gzip
 import re
+import sys
 from pathlib import Path
 from typing import Any
 
 import pytest
+from fvs_service.console.built_files import built_file
 from fvs_service.settings import BasemapSettings
 
 HTML = {"Accept": "text/html,*/*;q=0.8"}
@@ -51,6 +53,19 @@ def test_files_are_compressed_for_those_who_accept_it(gateway: Any) -> None:
     assert int(packed.headers["Content-Length"]) == len(gzip.compress(plain.content, mtime=0))
 
 
+@pytest.mark.parametrize("refused", ["gzip;q=0", "x-gzip-like", "identity"])
+def test_files_are_not_compressed_for_others(gateway: Any, refused: str) -> None:
+    page = gateway.client.get("/", headers={**HTML, "Accept-Encoding": refused})
+    assert "Content-Encoding" not in page.headers
+
+
+def test_files_that_do_not_exist_are_not_remembered() -> None:
+    name = "absent-" + "x" * 1000
+    before = sys.getrefcount(name)
+    assert built_file(name) is None
+    assert sys.getrefcount(name) == before
+
+
 @pytest.mark.parametrize("name", ["absent.js", "..%2Findex.html", "%2e%2e%2findex.html"])
 def test_other_files_are_not_sent(gateway: Any, name: str) -> None:
     assert gateway.client.get(f"/console/assets/{name}").status_code == 404
@@ -83,6 +98,28 @@ def test_an_archive_of_tiles_is_sent_in_ranges(open_gateway: Any, tmp_path: Path
     assert basemap["kind"] == "pmtiles"
     part = client.get(basemap["url"], headers={"Range": "bytes=10-19"})
     assert (part.status_code, part.content) == (206, bytes(range(10, 20)))
+
+
+def test_an_archive_that_is_gone_is_not_found(open_gateway: Any, tmp_path: Path) -> None:
+    archive = tmp_path / "site.pmtiles"
+    archive.touch()
+    client = open_gateway(basemap=BasemapSettings(archive=archive)).client
+    archive.unlink()
+    gone = client.get("/console/basemap.pmtiles")
+    assert (gone.status_code, gone.json()["code"]) == (404, "not-found")
+    assert "FVS_BASEMAP__ARCHIVE" in gone.json()["hint"]
+
+
+@pytest.mark.parametrize("host", ["a;script-src-elem", "a,b", "'unsafe-inline'", 'a"', "a\r\nX-A:b", "*"])
+def test_hosts_of_tiles_add_nothing_to_the_policy(host: str) -> None:
+    with pytest.raises(ValueError, match="tiles"):
+        BasemapSettings(tiles=f"https://{host}/{{z}}/{{x}}/{{y}}.png")
+
+
+@pytest.mark.parametrize("host", ["tiles.example", "127.0.0.1:8080", "[::1]:8080"])
+def test_tiles_may_come_from_any_host(host: str) -> None:
+    tiles = BasemapSettings(tiles=f"http://{host}/{{z}}/{{x}}/{{y}}.png")
+    assert tiles.origins == (f"http://{host}",)
 
 
 def test_tiles_have_one_source(tmp_path: Path) -> None:

@@ -31,7 +31,7 @@ from fvs_service.jobs.repository import jobs_of_scene
 from fvs_service.jobs.states import submit
 from fvs_service.principal import LOCAL_USER
 from fvs_service.scenes.lease import Lease
-from fvs_service.scenes.repository import scenes_of_tenant
+from fvs_service.scenes.repository import scenes_of
 from fvs_service.scenes.service import Scenes
 from fvs_service.settings import Retention, Settings
 from fvs_service.snapshots.service import NewSnapshot
@@ -164,7 +164,7 @@ def _check(root: Path) -> None:
     """Every reader finds whole things only, at any time."""
     with open_storage(_settings(root)) as storage:
         with storage.database.reading() as session:
-            scenes = scenes_of_tenant(session, LOCAL_USER.tenant_id, ScenePage()).items
+            scenes = scenes_of(session, LOCAL_USER, ScenePage()).items
         for scene in scenes:
             snapshots = storage.snapshots.of_scene(LOCAL_USER, scene.id, Page(limit=100)).items
             assert scene.snapshot_id in {None, *(snapshot.id for snapshot in snapshots)}

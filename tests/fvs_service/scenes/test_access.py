@@ -174,6 +174,16 @@ def test_a_device_key_reaches_only_its_scene(locked: Any, owned: dict[str, str],
     assert locked.client.post("/v1/scenes", json={"name": "a"}, headers=device).status_code == 403
 
 
+def test_a_key_of_one_scene_lists_that_scene(locked: Any, owned: dict[str, str]) -> None:
+    other = locked.scene(locked.key("owner"))
+    bound = locked.key("owner", scopes=frozenset({Scope.READ}), scene_id=owned["scene_id"])
+    listed = locked.client.get("/v1/scenes", headers=bound).json()["items"]
+    assert [scene["id"] for scene in listed] == [owned["scene_id"]] != [other]
+    device = locked.key("owner", scopes=frozenset({Scope.UPLOAD}), scene_id=owned["scene_id"])
+    refused = locked.client.get(f"/v1/scenes/{owned['scene_id']}", headers=device).json()
+    assert refused["detail"] == "This needs a key with the scope 'read'."
+
+
 def test_scopes_limit_what_a_key_does(locked: Any, owned: dict[str, str], photograph: Any) -> None:
     reader = locked.key("owner", scopes=frozenset({Scope.READ}))
     scene = f"/v1/scenes/{owned['scene_id']}"

@@ -12,7 +12,7 @@ export function KeyDialog() {
   const submit = (event: SubmitEvent) => {
     event.preventDefault();
     const key = String(new FormData(event.currentTarget as HTMLFormElement).get("key")).trim();
-    malformed.value = !/^fvs_\S+$/.test(key);
+    malformed.value = !/^fvs_[\w-]+$/.test(key);
     if (!malformed.value) setKey(key);
   };
   return (

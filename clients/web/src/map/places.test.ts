@@ -34,4 +34,7 @@ it("Polygons of others are areas, and what is no GeoJSON gives nothing", () => {
   expect(found.map(({ use, corners }) => [use, corners.length])).toEqual([["area", 3]]);
   expect(fromGeoJson("<kml/>")).toEqual([]);
   expect(fromGeoJson('{"type": "Polygon", "coordinates": [[["a", 1]]]}')).toEqual([]);
+  expect(fromGeoJson('{"type": "FeatureCollection", "features": [null, 7, {"geometry": null}]}')).toEqual([]);
+  expect(fromGeoJson('{"type": "MultiPolygon", "coordinates": {"a": 1}}')).toEqual([]);
+  expect(fromGeoJson('{"type": "MultiPolygon", "coordinates": [null, 7]}')).toEqual([]);
 });

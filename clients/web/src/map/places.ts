@@ -45,16 +45,9 @@ export function fromGeoJson(text: string): Imported[] {
   } catch {
     return [];
   }
-  return featuresOf(document).flatMap(({ geometry, properties }) => {
-    const rings: unknown =
-      geometry?.type === "LineString"
-        ? [geometry.coordinates]
-        : geometry?.type === "Polygon"
-          ? [(geometry.coordinates as unknown[])?.[0]]
-          : geometry?.type === "MultiPolygon"
-            ? (geometry.coordinates as unknown[][])?.map((polygon) => polygon?.[0])
-            : [];
-    return (rings as unknown[]).flatMap((ring) => {
+  return featuresOf(document).flatMap((feature) => {
+    const { geometry, properties } = feature ?? {};
+    return ringsOf(geometry).flatMap((ring) => {
       const corners = cornersOf(ring);
       if (corners === null) return [];
       const line = geometry?.type === "LineString";
@@ -65,14 +58,23 @@ export function fromGeoJson(text: string): Imported[] {
   });
 }
 
+function ringsOf(geometry: Feature["geometry"]): unknown[] {
+  const { type, coordinates } = geometry ?? {};
+  if (!Array.isArray(coordinates)) return [];
+  if (type === "LineString") return [coordinates];
+  if (type === "Polygon") return [coordinates[0]];
+  if (type === "MultiPolygon") return coordinates.map((polygon: unknown[] | null) => polygon?.[0]);
+  return [];
+}
+
 interface Feature {
-  geometry?: { type?: string; coordinates?: unknown };
+  geometry?: { type?: string; coordinates?: unknown } | null;
   properties?: Record<string, unknown> | null;
 }
 
-function featuresOf(document: unknown): Feature[] {
+function featuresOf(document: unknown): (Feature | null)[] {
   const { type, features } = (document ?? {}) as { type?: string; features?: unknown };
-  if (type === "FeatureCollection" && Array.isArray(features)) return features as Feature[];
+  if (type === "FeatureCollection" && Array.isArray(features)) return features as (Feature | null)[];
   if (type === "Feature") return [document as Feature];
   return [{ geometry: document as { type?: string; coordinates?: unknown } }];
 }

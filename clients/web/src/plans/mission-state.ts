@@ -2,6 +2,7 @@ import { effect, type Signal, signal } from "@preact/signals";
 import { metric } from "../candidates/site";
 import { perScene } from "../store/per-scene";
 import type { SceneStore } from "../store/scene";
+import { stored } from "../store/stored";
 import { flying, type MissionPart, missionParts } from "./mission-files";
 import { MISSION, type MissionForm, type MissionSource, objection } from "./mission-form";
 
@@ -23,7 +24,7 @@ export class MissionState {
 
   constructor(private readonly store: SceneStore) {
     const name = `fvs-mission ${store.id}`;
-    this.form = signal(remembered(sessionStorage.getItem(name)));
+    this.form = signal({ ...MISSION, ...stored<Partial<MissionForm>>(sessionStorage, name, {}) });
     effect(() => sessionStorage.setItem(name, JSON.stringify(this.form.value)));
   }
 
@@ -82,11 +83,6 @@ export class MissionState {
       if (this.aborter === aborter) this.busy.value = false;
     }
   }
-}
-
-/** The options of an earlier page; the usual ones where there are none. */
-export function remembered(text: string | null): MissionForm {
-  return { ...MISSION, ...(text === null ? null : (JSON.parse(text) as Partial<MissionForm>)) };
 }
 
 /** The mission of a scene. */

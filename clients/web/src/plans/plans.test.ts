@@ -3,7 +3,6 @@ import type { Schemas } from "../api/service";
 import { heightAt } from "./home";
 import { allLeftOut, fileName, flightTime, leftOutOf, missionParts, routeOf } from "./mission-files";
 import { MISSION, type MissionForm, missionCall, missionQuery, objection } from "./mission-form";
-import { remembered } from "./mission-state";
 
 const PLAN = {
   id: "pln_1",
@@ -110,11 +109,6 @@ it("Formats that need Earth say so", () => {
   expect(objection("ros-posearray", false, true)).toBeNull();
   expect(objection("ros-posearray", false, false)).toContain("metres");
   expect(objection("nerfstudio", false, false)).toBeNull();
-});
-
-it("Options are remembered, and new ones have their usual values", () => {
-  expect(remembered(null)).toEqual(MISSION);
-  expect(remembered('{"speed":"8"}')).toEqual({ ...MISSION, speed: "8" });
 });
 
 describe("a file", () => {

@@ -37,7 +37,7 @@ export function ScenePage({ sceneId, stage, panel }: ScenePageProps) {
   if (failure !== null) {
     return (
       <section class="page">
-        <h1>{failure.status === 404 ? strings.sceneGone : failure.message}</h1>
+        <h1>{failure.message}</h1>
         <p>{failure.hint}</p>
         <a href={hrefOf({ page: "scenes" })}>{strings.backToScenes}</a>
       </section>

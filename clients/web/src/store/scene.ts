@@ -4,6 +4,7 @@ import { type SceneEvent, sceneEvents } from "../api/events";
 import { ServiceError } from "../api/problem";
 import { all, api, data, type Schemas } from "../api/service";
 import { type Camera, Frames } from "../geometry/frames";
+import { strings } from "../strings";
 import { afterEvents } from "./images";
 import { keptDrawings } from "./kept-drawings";
 import { report } from "./notices";
@@ -162,7 +163,7 @@ export class SceneStore {
   private apply(event: SceneEvent): void {
     const [noun] = event.kind.split(".");
     if (event.kind === "scene.deleted") {
-      this.failure.value = new ServiceError("", "", "not-found", 404);
+      this.failure.value = new ServiceError(strings.sceneGone, "", "not-found", 404);
       this.connection.value = "ended";
       return;
     }

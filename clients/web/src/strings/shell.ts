@@ -18,7 +18,7 @@ export const en = {
     use: "Use this key",
     change: "Change the API key",
     forget: "Forget the key",
-    malformed: "A key begins with fvs_ and has no spaces.",
+    malformed: "A key begins with fvs_ and has only letters without accents, digits, - and _.",
   },
   connection: {
     connecting: "Connecting …",

@@ -2,6 +2,7 @@ import { computed, signal } from "@preact/signals";
 import type { Quaternion, SnapshotCameras, Triple } from "../api/artifacts";
 import type { Frames } from "../geometry/frames";
 import { conjugate, multiply } from "../geometry/vectors";
+import { stored } from "../store/stored";
 import { LAYERS, type Layer, type Marker } from "./content";
 import { detectGl } from "./gl-support";
 import type { Viewpoint } from "./viewpoint";
@@ -40,7 +41,7 @@ export class ViewState {
   readonly contextLost = signal(false);
   readonly hovered = signal<{ marker: Marker; at: readonly [number, number] } | null>(null);
   readonly hidden = signal<ReadonlySet<Layer>>(
-    new Set(JSON.parse(localStorage.getItem(HIDDEN) ?? '["points","grid"]') as Layer[]),
+    new Set(stored<Layer[]>(localStorage, HIDDEN, ["points", "grid"])),
   );
   readonly shown = computed(() => new Set(LAYERS.filter((layer) => !this.hidden.value.has(layer))));
 
@@ -84,7 +85,7 @@ export interface SavedViewpoint {
 const viewpointsOf = (sceneId: string) => `fvs-viewpoints-${sceneId}`;
 
 export function savedViewpoints(sceneId: string): readonly SavedViewpoint[] {
-  return JSON.parse(localStorage.getItem(viewpointsOf(sceneId)) ?? "[]") as SavedViewpoint[];
+  return stored<SavedViewpoint[]>(localStorage, viewpointsOf(sceneId), []);
 }
 
 export function saveViewpoints(sceneId: string, viewpoints: readonly SavedViewpoint[]): void {

@@ -26,7 +26,7 @@ class Compression:
 
     async def __call__(self, scope: Scope, receive: Receive, send: Send) -> None:
         """Handle one request."""
-        if scope["type"] != "http" or not _accepts_gzip(Headers(scope=scope)):
+        if scope["type"] != "http" or not accepts_gzip(Headers(scope=scope)):
             await self._app(scope, receive, send)
             return
         start: Message | None = None
@@ -46,7 +46,8 @@ class Compression:
         await self._app(scope, receive, send_compressed)
 
 
-def _accepts_gzip(headers: Headers) -> bool:
+def accepts_gzip(headers: Headers) -> bool:
+    """Whether a client with these headers of a request reads gzip."""
     offered = (part.partition(";") for part in headers.get("accept-encoding", "").lower().split(","))
     return any(
         name.strip() in ("gzip", "*") and weight.replace(" ", "") not in ("q=0", "q=0.0", "q=0.00", "q=0.000")
