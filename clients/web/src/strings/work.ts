@@ -117,6 +117,7 @@ export const en = {
     show: "Show",
     showOf: (when: string) => `Show the model of ${when}`,
     showNewest: "Show the newest",
+    showAll: (count: number) => `List all ${count} models`,
     pinned: "kept",
     pin: "Keep",
     pinTitle: "Never delete this model by itself",

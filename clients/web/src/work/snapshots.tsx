@@ -11,8 +11,12 @@ import { isPreview } from "./growth-series";
 
 const texts = strings.work.snapshots;
 
+/** How many models are listed until more are asked for: a scene has one or two of every update. */
+const LISTED = 10;
+
 /** The models that the scene has, the newest first: to show, keep, delete and download. */
 export function Snapshots({ store }: SceneProps) {
+  const [listed, setListed] = useState(LISTED);
   const snapshots = store.snapshots.value;
   return (
     <section>
@@ -30,7 +34,7 @@ export function Snapshots({ store }: SceneProps) {
         )}
       </div>
       {snapshots.length === 0 && <p class="muted">{texts.none}</p>}
-      {snapshots.map((one, index) => (
+      {snapshots.slice(0, listed).map((one, index) => (
         <SnapshotCard
           key={one.id}
           snapshot={one}
@@ -39,6 +43,11 @@ export function Snapshots({ store }: SceneProps) {
           preview={isPreview(one, snapshots)}
         />
       ))}
+      {snapshots.length > listed && (
+        <button type="button" onClick={() => setListed(snapshots.length)}>
+          {texts.showAll(snapshots.length)}
+        </button>
+      )}
     </section>
   );
 }
