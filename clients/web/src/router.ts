@@ -39,3 +39,9 @@ export function hrefOf(route: Route): string {
 export function go(to: Route): void {
   location.hash = hrefOf(to);
 }
+
+/** Show another stage or panel of the scene that is shown. */
+export function show(part: { stage: Stage } | { panel: Panel }): void {
+  const now = route.peek();
+  if (now.page === "scene") go({ ...now, ...part });
+}

@@ -12,6 +12,13 @@ effect(() => {
   document.documentElement.dataset["theme"] = theme.value;
 });
 
+const VEHICLES = 6;
+
+/** The name of the custom property with the colour of a vehicle, from 1. */
+export function vehicleColour(vehicle: number): string {
+  return `--vehicle-${((vehicle - 1) % VEHICLES) + 1}`;
+}
+
 export function toggleTheme(): void {
   theme.value = theme.value === "dark" ? "light" : "dark";
   localStorage.setItem(NAME, theme.value);

@@ -1,41 +1,26 @@
 import { artifactPath } from "./paths";
-import { bytes } from "./service";
+import { bytes, type Schemas } from "./service";
 
-export type Triple = [number, number, number];
+export type SnapshotCameras = Schemas["SnapshotCameras"];
+export type PinholeIntrinsics = Schemas["PinholeIntrinsics"];
+export type Triple = SnapshotCameras["centre"];
 /** A unit quaternion, w first. */
-export type Quaternion = [number, number, number, number];
-
-/** A pinhole camera, in px. */
-export interface PinholeIntrinsics {
-  width_px: number;
-  height_px: number;
-  fx_px: number;
-  fy_px: number;
-  cx_px: number;
-  cy_px: number;
-}
-
-/** A registered image and its camera's pose, model_from_camera (OpenCV: x right, y down, z forward). */
-export interface SnapshotView {
-  image: string;
-  name: string;
-  position: Triple;
-  orientation_wxyz: Quaternion;
-  counted_share: number;
-}
-
-/** The artifact `cameras.json`, in the model frame. */
-export interface SnapshotCameras {
-  camera: PinholeIntrinsics;
-  views: SnapshotView[];
-  centre: Triple;
-  up: Triple;
-  lower: Triple;
-  upper: Triple;
-}
+export type Quaternion = SnapshotCameras["views"][number]["orientation_wxyz"];
+/** Heights of the ground on a grid: rows from south to north, columns from west to east. */
+export type Terrain = Schemas["Terrain"];
 
 /** Load `cameras.json` of a snapshot. Throws `ServiceError`. */
-export async function loadCameras(snapshotId: string): Promise<SnapshotCameras> {
-  const file = await bytes(artifactPath(snapshotId, "cameras.json"));
-  return JSON.parse(await file.text()) as SnapshotCameras;
+export function loadCameras(snapshotId: string): Promise<SnapshotCameras> {
+  return load<SnapshotCameras>(snapshotId, "cameras.json");
+}
+
+/** Load `terrain.json` of a snapshot; null where it has none. Throws `ServiceError`. */
+export async function loadTerrain(snapshot: Schemas["Snapshot"]): Promise<Terrain | null> {
+  const has = snapshot.artifacts.some(({ name }) => name === "terrain.json");
+  return has ? load<Terrain>(snapshot.id, "terrain.json") : null;
+}
+
+async function load<T>(snapshotId: string, name: string): Promise<T> {
+  const file = await bytes(artifactPath(snapshotId, name));
+  return JSON.parse(await file.text()) as T;
 }

@@ -1,4 +1,5 @@
 import { signal } from "@preact/signals";
+import type { Words } from "./problem";
 
 const NAME = "fvs-api-key";
 
@@ -6,7 +7,7 @@ const NAME = "fvs-api-key";
 export const apiKey = signal<string | null>(sessionStorage.getItem(NAME));
 
 /** Why a key is asked for: the service's last refusal; null while none is needed. */
-export const keyRefusal = signal<{ message: string; hint: string } | null>(null);
+export const keyRefusal = signal<Words | null>(null);
 
 /** Use a key from now on; null forgets it. */
 export function setKey(key: string | null): void {

@@ -21,6 +21,18 @@ export class ServiceError extends Error {
   }
 }
 
+/** What went wrong, and what to do about it; the hint may be empty. */
+export interface Words {
+  message: string;
+  hint: string;
+}
+
+/** The words for an error, of the service or another. */
+export function wordsOf(error: unknown): Words {
+  if (!(error instanceof Error)) return { message: String(error), hint: "" };
+  return { message: error.message, hint: "hint" in error ? String(error.hint) : "" };
+}
+
 /** The error that a problem describes. */
 export function refusal(problem: Problem, retryAfterS: number | null): ServiceError {
   const fields = (problem.errors ?? []).map((one) => `${one.field}: ${one.message}`).join("; ");

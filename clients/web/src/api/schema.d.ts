@@ -2458,6 +2458,18 @@ export interface components {
             altitude_datum: components["schemas"]["AltitudeDatum"];
         };
         /**
+         * PinholeIntrinsics
+         * @description A pinhole camera, in px.
+         */
+        PinholeIntrinsics: {
+            width_px: number;
+            height_px: number;
+            fx_px: number;
+            fy_px: number;
+            cx_px: number;
+            cy_px: number;
+        };
+        /**
          * Plan
          * @description An immutable plan, with all that is needed to repeat it.
          */
@@ -3554,6 +3566,38 @@ export interface components {
             created_at: string;
         };
         /**
+         * SnapshotCameras
+         * @description The artifact `cameras.json`: the poses of the registered images, in the model frame.
+         *
+         *     ``camera`` is the camera of most images, at the size at which rankings are rendered; ``centre`` is the
+         *     median of the model's points, ``up`` the upward direction, ``lower`` and ``upper`` the corners of a box
+         *     around the points.
+         */
+        SnapshotCameras: {
+            camera: components["schemas"]["PinholeIntrinsics"];
+            views: components["schemas"]["SnapshotView"][];
+            centre: [
+                number,
+                number,
+                number
+            ];
+            up: [
+                number,
+                number,
+                number
+            ];
+            lower: [
+                number,
+                number,
+                number
+            ];
+            upper: [
+                number,
+                number,
+                number
+            ];
+        };
+        /**
          * SnapshotChange
          * @description Changes to a snapshot.
          * @example {
@@ -3600,6 +3644,29 @@ export interface components {
              *     them: a measure of quality that holds out no image. Null without a previous snapshot or new images.
              */
             new_images_psnr_db: number | null;
+        };
+        /**
+         * SnapshotView
+         * @description A registered image and its camera's pose in the model frame (model_from_camera).
+         *
+         *     ``counted_share`` is the share of the image that its mask keeps; 1 without one.
+         */
+        SnapshotView: {
+            image: string;
+            name: string;
+            position: [
+                number,
+                number,
+                number
+            ];
+            orientation_wxyz: [
+                number,
+                number,
+                number,
+                number
+            ];
+            /** @description Default: `1.0`. */
+            counted_share: number;
         };
         /**
          * Stage

@@ -3,6 +3,7 @@ import { useState } from "preact/hooks";
 import { report } from "../store/notices";
 import { strings } from "../strings";
 import { Dialog } from "./dialog";
+import { CheckField } from "./fields";
 
 interface ConfirmDialogProps {
   title: string;
@@ -42,14 +43,9 @@ export function ConfirmDialog({
       <form onSubmit={submit}>
         {children}
         {agreement !== undefined && (
-          <label class="check">
-            <input
-              type="checkbox"
-              checked={agreed}
-              onChange={(event) => setAgreed(event.currentTarget.checked)}
-            />
+          <CheckField checked={agreed} onChecked={setAgreed}>
             {agreement}
-          </label>
+          </CheckField>
         )}
         <p class="actions">
           <button type="button" onClick={onClose}>

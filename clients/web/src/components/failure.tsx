@@ -1,4 +1,4 @@
-import { ServiceError } from "../api/problem";
+import { ServiceError, wordsOf } from "../api/problem";
 import { strings } from "../strings";
 
 interface FailureProps {
@@ -10,14 +10,14 @@ interface FailureProps {
 /** Why something failed, with its hint, in the place where it was asked for. */
 export function Failure({ error, onRetry }: FailureProps) {
   if (error === null) return null;
-  const message = error instanceof Error ? error.message : String(error);
+  const { message, hint } = wordsOf(error);
   return (
     <div class="failure" role="alert">
       <p class="error">{message}</p>
-      {error instanceof ServiceError && error.hint && <p class="hint">{error.hint}</p>}
+      {hint && <p class="hint">{hint}</p>}
       {error instanceof ServiceError && (
         <button type="button" onClick={onRetry}>
-          {strings.views.retry}
+          {strings.components.retry}
         </button>
       )}
     </div>

@@ -7,6 +7,7 @@ import {
   formatLength,
   formatPercent,
   formatPose,
+  roundLength,
   threeDigits,
 } from "./format";
 
@@ -68,4 +69,13 @@ it("says above what altitudes are, and in what frame positions", () => {
   ]);
   const pose = { frame: "model" as const, position: [1, 2, 3] as [number, number, number] };
   expect(formatPose({ ...pose, orientation_wxyz: [1, 0, 0, 0] })[0]).toBe("model 1.000, 2.000, 3.000");
+});
+
+it.each([
+  [4.9, 2],
+  [5, 5],
+  [0.013, 0.01],
+  [730, 500],
+])("%f m are rounded down to %f m", (length, round) => {
+  expect(roundLength(length)).toBeCloseTo(round, 9);
 });

@@ -24,6 +24,13 @@ export function threeDigits(value: number): string {
   return value.toFixed(size >= 99.95 ? 0 : size >= 9.995 ? 1 : size >= 0.9995 ? 2 : 3);
 }
 
+/** The greatest of 1, 2 and 5 times powers of ten that is not above a length. */
+export function roundLength(length: number): number {
+  const power = 10 ** Math.floor(Math.log10(length));
+  const step = length / power;
+  return power * (step >= 5 ? 5 : step >= 2 ? 2 : 1);
+}
+
 /** A length in metres or kilometres, or in the unit of a model; a dash where there is none. */
 export function formatLength(length: number | null, metric = true): string {
   if (length === null) return unknown;

@@ -1,5 +1,5 @@
-import { useRef } from "preact/hooks";
-import { go, route } from "../router";
+import { useEffect, useRef } from "preact/hooks";
+import { show } from "../router";
 import type { Place, SceneStore } from "../store/scene";
 import { strings } from "../strings";
 
@@ -13,17 +13,18 @@ const texts = strings.views.form;
 
 /** Takes a place by the next click on the map, which is shown for it. */
 export function PickPlace({ store, place, onPlace }: PickPlaceProps) {
-  const mine = useRef<((place: Place) => void) | null>(null);
-  const waiting = store.pick.value !== null && store.pick.value === mine.current;
+  const give = useRef(onPlace);
+  give.current = onPlace; // as it is when the place is clicked
+  const take = useRef((place: Place) => give.current(place)).current;
+  const stop = () => {
+    if (store.pick.peek() === take) store.pick.value = null;
+  };
+  useEffect(() => stop, [store]);
+  const waiting = store.pick.value === take;
   const pick = () => {
-    if (waiting) {
-      store.pick.value = null;
-      return;
-    }
-    mine.current = onPlace;
-    store.pick.value = onPlace;
-    const now = route.value;
-    if (now.page === "scene" && now.stage !== "map") go({ ...now, stage: "map" });
+    if (waiting) return stop();
+    store.pick.value = take;
+    show({ stage: "map" });
   };
   const digits = (degrees: number) => degrees.toFixed(6);
   return (

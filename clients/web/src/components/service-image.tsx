@@ -24,7 +24,8 @@ export function ServiceImage({ path, alt, class: className }: ServiceImageProps)
     bytes(path, aborter.signal)
       .then((blob) => createImageBitmap(blob))
       .then((bitmap) => {
-        if (canvas.current) draw(canvas.current, bitmap);
+        if (canvas.current && !aborter.signal.aborted) draw(canvas.current, bitmap);
+        bitmap.close();
       })
       .catch(() => {
         if (!aborter.signal.aborted) setFailed(true);
@@ -47,5 +48,4 @@ function draw(canvas: HTMLCanvasElement, bitmap: ImageBitmap): void {
   canvas.width = bitmap.width;
   canvas.height = bitmap.height;
   canvas.getContext("2d")?.drawImage(bitmap, 0, 0);
-  bitmap.close();
 }

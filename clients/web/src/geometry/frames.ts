@@ -75,3 +75,14 @@ export class Frames {
     return multiply(conjugate(this.alignment.rotation_wxyz), orientation);
   }
 }
+
+/** The pose of a sample of a forecast. A place of the surface has no direction: any does. */
+export function poseOf({
+  pose,
+  position,
+}: Schemas["ForecastSample"]): Schemas["FramePose"] | Schemas["VehiclePose"] {
+  if (pose) return pose;
+  if (position && "latitude_deg" in position) return { ...position, yaw_deg: 0, pitch_deg: 0 };
+  const { frame, position: place } = position as Schemas["FramePosition"];
+  return { frame: frame === "model" ? "model" : "world", position: place, orientation_wxyz: [1, 0, 0, 0] };
+}

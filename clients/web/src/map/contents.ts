@@ -1,13 +1,12 @@
 import { computed, effect, signal } from "@preact/signals";
-import type { PinholeIntrinsics, Quaternion } from "../api/artifacts";
-import { artifactPath } from "../api/paths";
-import { bytes, type Schemas } from "../api/service";
-import type { Camera } from "../geometry/frames";
+import { loadTerrain, type PinholeIntrinsics, type Terrain } from "../api/artifacts";
+import type { Schemas } from "../api/service";
+import { type Camera, poseOf } from "../geometry/frames";
 import { report } from "../store/notices";
 import type { SceneStore } from "../store/scene";
 import { footprintOf, lensOf } from "./footprints";
 import { forecastGrid } from "./forecast-grid";
-import { type Ground, groundOf, levelGround, type Terrain } from "./ground";
+import { type Ground, groundOf, levelGround } from "./ground";
 import { overlapOf } from "./ground-grid";
 import { shownLayers } from "./layers";
 import { MapFrame } from "./map-frame";
@@ -135,10 +134,9 @@ export class MapContents {
   /** What the model does not know, over the ground. */
   readonly forecast = computed(() => {
     const forecast = this.store.forecast.value;
-    const samples = forecast?.samples.flatMap(({ pose, position, variance, psnr_db }) => {
-      const given = pose ?? position;
-      const camera = given && this.frame.value.ofPose(withAngles(given), forecast.alignment);
-      return camera ? [{ at: flatOf(camera), variance, psnr_db }] : [];
+    const samples = forecast?.samples.flatMap((sample) => {
+      const camera = this.frame.value.ofPose(poseOf(sample), forecast.alignment);
+      return camera ? [{ ...sample, at: flatOf(camera) }] : [];
     });
     return forecastGrid(samples ?? []);
   });
@@ -281,24 +279,14 @@ export class MapContents {
   }
 
   private async loadTerrain(id: string | null): Promise<void> {
-    const artifacts = this.store.snapshot.peek()?.artifacts ?? [];
-    const has = artifacts.some((artifact) => artifact.name === "terrain.json");
     try {
-      const file = id !== null && has ? await bytes(artifactPath(id, "terrain.json")) : null;
-      const terrain = file && (JSON.parse(await file.text()) as Terrain);
+      const snapshot = this.store.snapshot.peek();
+      const terrain = snapshot && (await loadTerrain(snapshot));
       if (this.snapshotId.value === id) this.terrain.value = terrain;
     } catch (error) {
       report(error);
     }
   }
-}
-
-/** A place of the surface as a pose. */
-function withAngles(given: Schemas["Stop"]["pose"] | Schemas["FramePosition"] | Schemas["GeodeticPosition"]) {
-  if ("orientation_wxyz" in given || "yaw_deg" in given) return given;
-  if ("latitude_deg" in given) return { ...given, yaw_deg: 0, pitch_deg: -90, roll_deg: 0 };
-  const frame = given.frame === "model" ? ("model" as const) : ("world" as const);
-  return { frame, position: given.position, orientation_wxyz: [1, 0, 0, 0] as Quaternion };
 }
 
 function viewDirection({ orientation: [w, x, y, z] }: Camera): Flat {

@@ -1,6 +1,6 @@
 import { useState } from "preact/hooks";
 import { formatArea, formatLength } from "../components/format";
-import { go, route } from "../router";
+import { show } from "../router";
 import type { Drawing } from "../store/scene";
 import { strings } from "../strings";
 import type { MapState } from "./map-state";
@@ -45,18 +45,18 @@ export function DrawingForm({ map }: { map: MapState }) {
           {texts.deleteDrawing}
         </button>
         {(line || drawing.use === "area") && (
-          <button type="button" class="primary" title={texts.flyHint} onClick={flyIt}>
+          <button
+            type="button"
+            class="primary"
+            title={texts.flyHint}
+            onClick={() => show({ panel: "plans" })}
+          >
             {texts.fly}
           </button>
         )}
       </p>
     </section>
   );
-}
-
-/** Open the panel of plans, which plans in the chosen drawing. */
-export function flyIt(): void {
-  if (route.value.page === "scene") go({ ...route.value, panel: "plans" });
 }
 
 /** The heights of a drawing: above the ground where it is known, else above the scene's origin. */

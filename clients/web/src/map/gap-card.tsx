@@ -1,5 +1,5 @@
+import { show } from "../router";
 import { strings } from "../strings";
-import { flyIt } from "./drawing-form";
 import type { MapState } from "./map-state";
 
 /** The gap that was chosen on the map, and how to close it: by an area around it that is planned. */
@@ -10,7 +10,7 @@ export function GapCard({ map }: { map: MapState }) {
   const fly = () => {
     map.sketch.keep("area", gap.corners);
     map.gap.value = null;
-    flyIt();
+    show({ panel: "plans" }); // which plans in the chosen drawing
   };
   return (
     <section class="map-card" role="status">

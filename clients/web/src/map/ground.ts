@@ -1,4 +1,5 @@
-import type { Triple } from "../api/artifacts";
+import type { Terrain, Triple } from "../api/artifacts";
+import { heightIn, isHole } from "../geometry/terrain";
 import type { MapFrame } from "./map-frame";
 
 /** The height of the ground in the frame of the map. */
@@ -9,19 +10,6 @@ export interface Ground {
   typical: number;
 }
 
-/** The artifact `terrain.json`: heights on a grid, rows from south to north, columns from west to east. */
-export interface Terrain {
-  south_deg: number;
-  west_deg: number;
-  latitude_step_deg: number;
-  longitude_step_deg: number;
-  columns: number;
-  heights_m: number[];
-}
-
-/** Heights below this are holes. */
-const LOWEST_M = -12_000;
-
 /** Ground that is level. */
 export function levelGround(height: number): Ground {
   return { heightAt: () => height, typical: height };
@@ -30,34 +18,17 @@ export function levelGround(height: number): Ground {
 /** The ground of a terrain; null when it has holes only, or the map is not on Earth. */
 export function groundOf(terrain: Terrain, frame: MapFrame): Ground | null {
   const { enu } = frame;
-  const known = terrain.heights_m.filter((height) => height >= LOWEST_M).sort((a, b) => a - b);
+  const known = terrain.heights_m.filter((height) => !isHole(height)).sort((a, b) => a - b);
   const middle = known[known.length >> 1];
   if (enu === null || middle === undefined) return null;
   const base = enu.origin.altitude_m;
   return {
     typical: middle - base,
     heightAt: (x, y) => {
-      const { latitude_deg, longitude_deg } = enu.toGeodetic([x, y, middle - base]);
-      const height = heightIn(terrain, latitude_deg, longitude_deg);
+      const height = heightIn(terrain, enu.toGeodetic([x, y, middle - base]));
       return height === null ? null : height - base;
     },
   };
-}
-
-/** The bilinear height of a terrain; null in a hole and outside. */
-function heightIn(terrain: Terrain, latitude_deg: number, longitude_deg: number): number | null {
-  const { columns, heights_m } = terrain;
-  const row = (latitude_deg - terrain.south_deg) / terrain.latitude_step_deg;
-  const east_deg = ((longitude_deg - terrain.west_deg + 450) % 360) - 90;
-  const column = east_deg / terrain.longitude_step_deg;
-  const [south, west] = [Math.floor(row), Math.floor(column)];
-  if (south < 0 || west < 0 || west >= columns - 1 || (south + 2) * columns > heights_m.length) return null;
-  const [up, right] = [row - south, column - west];
-  const at = south * columns + west;
-  const corners = [at, at + 1, at + columns, at + columns + 1].map((index) => heights_m[index] as number);
-  if (corners.some((height) => height < LOWEST_M)) return null;
-  const [sw, se, nw, ne] = corners as [number, number, number, number];
-  return (1 - up) * ((1 - right) * sw + right * se) + up * ((1 - right) * nw + right * ne);
 }
 
 /**

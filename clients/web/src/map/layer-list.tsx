@@ -1,12 +1,12 @@
 import { colourOf, cssOf } from "../components/colour-map";
+import { CheckField } from "../components/fields";
 import { formatPercent } from "../components/format";
 import { strings } from "../strings";
-import { theme } from "../theme";
+import { theme, vehicleColour } from "../theme";
 import { shareOf } from "./ground-grid";
 import { LAYERS, type Layer, shownLayers, toggleLayer } from "./layers";
 import type { MapState } from "./map-state";
 import { ENOUGH } from "./map-state";
-import { tourColour } from "./paint";
 import { overlapColour } from "./paint-ground";
 
 /** On narrower screens the list would hide much of the map until it is wanted. */
@@ -19,14 +19,9 @@ export function LayerList({ map }: { map: MapState }) {
       <summary>{strings.map.layersTitle}</summary>
       {LAYERS.map((layer) => (
         <div key={layer}>
-          <label class="check">
-            <input
-              type="checkbox"
-              checked={shownLayers.value.has(layer)}
-              onChange={() => toggleLayer(layer)}
-            />
+          <CheckField checked={shownLayers.value.has(layer)} onChecked={() => toggleLayer(layer)}>
             {strings.map.layers[layer]}
-          </label>
+          </CheckField>
           {shownLayers.value.has(layer) && <Legend layer={layer} map={map} />}
         </div>
       ))}
@@ -62,7 +57,7 @@ function Legend({ layer, map }: { layer: Layer; map: MapState }) {
       return (
         <ul>
           {contents.tours.value.map(({ vehicle }) => (
-            <Key key={vehicle} colour={tourColour(vehicle)} text={legend.tour(vehicle)} />
+            <Key key={vehicle} colour={`var(${vehicleColour(vehicle)})`} text={legend.tour(vehicle)} />
           ))}
         </ul>
       );

@@ -1,6 +1,6 @@
 import { strings } from "../strings";
 import type { MapState } from "./map-state";
-import { fromScreen, roundLength } from "./viewport";
+import { fromScreen, scaleLength } from "./viewport";
 
 const LONGEST_PX = 140;
 
@@ -9,7 +9,7 @@ export function MapFooter({ map }: { map: MapState }) {
   const { frame } = map.contents;
   const { enu, metric } = frame.value;
   const view = map.view.value;
-  const length = roundLength(view, LONGEST_PX);
+  const length = scaleLength(view, LONGEST_PX);
   return (
     <div class="map-footer">
       {enu !== null && (
@@ -18,7 +18,7 @@ export function MapFooter({ map }: { map: MapState }) {
         </span>
       )}
       <span class="map-bar" style={{ width: `${length * view.pxPerUnit}px` }}>
-        {metric ? (length < 1000 ? `${length} m` : `${length / 1000} km`) : length}
+        {metric ? scaleText(length) : length}
       </span>
       <span class="map-place" aria-live={map.byKeys.value ? "polite" : "off"}>
         {placeText(map)}
@@ -39,4 +39,9 @@ function placeText(map: MapState): string {
   return ground === null
     ? coordinates
     : `${coordinates}, ${strings.map.ground(`${place.altitude_m.toFixed(1)} m`)}`;
+}
+
+function scaleText(length: number): string {
+  const { units } = strings.components;
+  return length < 1000 ? units.metres(String(length)) : units.kilometres(String(length / 1000));
 }

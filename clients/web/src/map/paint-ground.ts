@@ -2,7 +2,7 @@ import { colourOf, type Rgb } from "../components/colour-map";
 import type { Theme } from "../theme";
 import type { GroundGrid } from "./ground-grid";
 import type { Palette } from "./palette";
-import { fromScreen, roundLength, toScreen, type Viewport } from "./viewport";
+import { fromScreen, scaleLength, toScreen, type Viewport } from "./viewport";
 
 const OPACITY = 0.55;
 
@@ -63,7 +63,7 @@ export function unknownColour(share: number, theme: Theme): Rgb {
 
 /** Lines at round distances from the origin. */
 export function paintMetreGrid(context: CanvasRenderingContext2D, view: Viewport, colours: Palette): void {
-  const step = roundLength(view, 160);
+  const step = scaleLength(view, 160);
   const [west, north] = fromScreen(view, [0, 0]);
   const [east, south] = fromScreen(view, [view.width, view.height]);
   context.strokeStyle = colours.line;

@@ -33,8 +33,6 @@ export interface Picture {
 }
 
 const VISIT_SIGNS: Record<Schemas["VisitState"], string> = { "going-to": "→", taken: "✓", failed: "✗" };
-/** Tours have colours of their own, legible on dark and light. */
-const TOUR_COLOURS = ["#c2549d", "#3f7fd0", "#a8642a", "#5a8f3a"];
 
 /** Draw the map; the context's unit is a px of CSS. */
 export function paintMap(context: CanvasRenderingContext2D, picture: Picture): void {
@@ -138,7 +136,7 @@ function paintCandidates(pen: Pen, { contents, selection, colours, theme, view }
 
 function paintTours(pen: Pen, { contents, selection, colours }: Picture): void {
   for (const { vehicle, way, stops, start } of contents.tours) {
-    const colour = tourColour(vehicle);
+    const colour = colours.vehicle(vehicle);
     pen.line(way, colour, 3);
     way.forEach((corner, i) => {
       if (i > 0) pen.direction(way[i - 1] as Flat, corner, colour);
@@ -146,13 +144,9 @@ function paintTours(pen: Pen, { contents, selection, colours }: Picture): void {
     if (start) pen.label(start, "H", 0, 0, colours.text, colours.back);
     stops.forEach(({ id, at }, i) => {
       const chosen = selection?.kind === "stop" && selection.id === id;
-      pen.label(at, String(i + 1), 0, 0, chosen ? colours.text : colour, chosen ? colours.back : "#ffffff");
+      pen.label(at, String(i + 1), 0, 0, chosen ? colours.text : colour, colours.back);
     });
   }
-}
-
-export function tourColour(vehicle: number): string {
-  return TOUR_COLOURS[(vehicle - 1) % TOUR_COLOURS.length] as string;
 }
 
 function paintSketch(pen: Pen, { sketch, pointer, view, colours, middles, gap }: Picture): void {

@@ -1,4 +1,4 @@
-import { theme } from "../theme";
+import { theme, vehicleColour } from "../theme";
 
 /** The colours of the map, by the page's theme. */
 export interface Palette {
@@ -10,13 +10,15 @@ export interface Palette {
   good: string;
   warn: string;
   bad: string;
+  vehicle: (number: number) => string;
 }
 
 /** The colours of the theme that is shown. */
 export function palette(): Palette {
   void theme.value; // drawn again in other colours
   const style = getComputedStyle(document.documentElement);
-  const colour = (name: string) => style.getPropertyValue(`--${name}`).trim();
+  const variable = (name: string) => style.getPropertyValue(name).trim();
+  const colour = (name: string) => variable(`--${name}`);
   return {
     back: colour("sunken"),
     line: colour("line"),
@@ -26,5 +28,6 @@ export function palette(): Palette {
     good: colour("good"),
     warn: colour("warn"),
     bad: colour("bad"),
+    vehicle: (number) => variable(vehicleColour(number)),
   };
 }

@@ -106,8 +106,14 @@ export class Pen {
 
   /** What may or may not be flown in; `radius` is how far a corridor reaches from its line. */
   drawing(use: Drawing["use"], corners: readonly Flat[], radius: number, wide = false): void {
-    const colour = { area: "good", corridor: "good", fence: "warn", "no-fly": "bad" }[use] as keyof Palette;
-    this.shape(corners, use === "corridor" ? radius : null, this.colours[colour], use === "fence", wide);
+    const colours = { area: "good", corridor: "good", fence: "warn", "no-fly": "bad" } as const;
+    this.shape(
+      corners,
+      use === "corridor" ? radius : null,
+      this.colours[colours[use]],
+      use === "fence",
+      wide,
+    );
   }
 
   /** A polygon, or a line that reaches `radius` to its sides. */

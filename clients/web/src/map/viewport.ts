@@ -1,3 +1,4 @@
+import { roundLength } from "../components/format";
 import type { Flat } from "./polygons";
 
 /** Room around what is shown; the tools lie over the upper edge. */
@@ -55,9 +56,7 @@ export function fitted(view: Viewport, points: readonly Flat[], least: number): 
   return { ...view, centre: [(west + east) / 2, (south + north) / 2 + lower], pxPerUnit };
 }
 
-/** The largest of 1, 2, 5, 10, 20, … units that is at most `most` px long. */
-export function roundLength(view: Viewport, most: number): number {
-  const units = most / view.pxPerUnit;
-  const power = 10 ** Math.floor(Math.log10(units));
-  return [5, 2, 1].map((step) => step * power).find((length) => length <= units) ?? power;
+/** A round length that is at most `most` px long. */
+export function scaleLength(view: Viewport, most: number): number {
+  return roundLength(most / view.pxPerUnit);
 }

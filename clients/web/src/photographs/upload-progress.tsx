@@ -1,8 +1,9 @@
 import { useState } from "preact/hooks";
+import { wordsOf } from "../api/problem";
 import { ConfirmDialog } from "../components/confirm-dialog";
 import { formatBytes, formatCount, formatDuration, formatPercent } from "../components/format";
 import { strings } from "../strings";
-import { byProblem, wordsOf } from "./upload-problems";
+import { byProblem } from "./upload-problems";
 import type { Upload, UploadQueue } from "./upload-queue";
 
 const texts = strings.photographs.upload;

@@ -1,8 +1,8 @@
 import { computed, signal } from "@preact/signals";
 import { ServiceError } from "../api/problem";
 import type { Schemas } from "../api/service";
+import { strings } from "../strings";
 import type { PickedFile } from "./picked-files";
-import { Rate } from "./rate";
 
 /** How the service judges an image. */
 export type Judgement = Pick<Schemas["Image"], "verdict" | "reason" | "hint">;
@@ -20,6 +20,11 @@ export interface UploadService {
 /** A file that can no longer be read, because it was moved or changed. */
 export class UnreadableFile extends Error {
   override name = "UnreadableFile";
+  readonly hint = strings.photographs.upload.unreadableHint;
+
+  constructor() {
+    super(strings.photographs.upload.unreadable);
+  }
 }
 
 export type UploadState = "waiting" | "checking" | "sending" | "pausing" | "known" | "sent" | "failed";
@@ -38,9 +43,29 @@ export interface Upload extends PickedFile {
 const AT_ONCE = 3;
 const LONGEST_PAUSE_S = 30;
 const OTHER_TRIES = 3;
+const RATE_WINDOW_MS = 30_000;
 /** Refusals that would meet every other file, too. */
 const FOR_ALL = new Set(["unauthenticated", "forbidden", "not-found", "conflict", "foreign-origin"]);
 const OPEN: readonly UploadState[] = ["waiting", "checking", "sending", "pausing"];
+
+/** How fast something goes on, by its last half minute. */
+class Rate {
+  private samples: { at: number; total: number }[] = [];
+
+  /** Note a total at a time in ms. */
+  add(total: number, at: number): void {
+    this.samples.push({ at, total });
+    while (this.samples.length > 2 && (this.samples[1]?.at ?? at) < at - RATE_WINDOW_MS) this.samples.shift();
+  }
+
+  /** The increase per s; null while it is not known. */
+  perSecond(): number | null {
+    const first = this.samples[0];
+    const last = this.samples.at(-1);
+    if (!first || !last || last.at - first.at < 500) return null;
+    return ((last.total - first.total) / (last.at - first.at)) * 1000;
+  }
+}
 
 /** Sends files to a scene, a few at once, and goes on after interruptions. */
 export class UploadQueue {

@@ -1,11 +1,12 @@
+import { loadTerrain } from "../api/artifacts";
 import { inOrder, siteOf } from "../candidates/site";
 import { numberOf } from "../candidates/values";
 import { CheckField, NumberField } from "../components/fields";
 import { PickPlace } from "../components/pick-place";
+import { heightIn } from "../geometry/terrain";
 import { notify, report } from "../store/notices";
 import type { Place, SceneStore } from "../store/scene";
 import { strings } from "../strings";
-import { heightAt, loadTerrain } from "./home";
 import type { MissionForm } from "./mission-form";
 
 interface HomeFieldsProps {
@@ -100,6 +101,6 @@ function firstPhotograph(store: SceneStore): Place | null {
 /** The altitude of the ground at a place by the shown snapshot; null where it shows none. */
 async function groundAt(store: SceneStore, place: Place): Promise<number | null> {
   const snapshot = store.snapshot.value;
-  if (!snapshot?.artifacts.some(({ name }) => name === "terrain.json")) return null;
-  return heightAt(await loadTerrain(snapshot.id), place);
+  const terrain = snapshot && (await loadTerrain(snapshot));
+  return terrain && heightIn(terrain, place);
 }

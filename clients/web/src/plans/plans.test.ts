@@ -1,6 +1,5 @@
 import { describe, expect, it, vi } from "vitest";
 import type { Schemas } from "../api/service";
-import { heightAt } from "./home";
 import { allLeftOut, fileName, flightTime, leftOutOf, missionParts, routeOf } from "./mission-files";
 import { MISSION, type MissionForm, missionCall, missionQuery, objection } from "./mission-form";
 
@@ -138,19 +137,4 @@ describe("a file", () => {
     expect(routeOf(map, false).length_m).toBeCloseTo(30 + degree, 1);
     expect(flightTime({ views: 2, length_m: 100 }, 5, 4)).toBe(28);
   });
-});
-
-it("The ground is at the nearest place of the grid, where it is known", () => {
-  const terrain = {
-    kind: "heights" as const,
-    south_deg: 46,
-    west_deg: 7,
-    latitude_step_deg: 0.1,
-    longitude_step_deg: 0.1,
-    columns: 2,
-    heights_m: [100, 200, -32768, 400],
-  };
-  expect(heightAt(terrain, { latitude_deg: 46.01, longitude_deg: 7.11 })).toBe(200);
-  expect(heightAt(terrain, { latitude_deg: 46.1, longitude_deg: 7 })).toBeNull();
-  expect(heightAt(terrain, { latitude_deg: 47, longitude_deg: 7 })).toBeNull();
 });

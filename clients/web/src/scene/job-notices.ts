@@ -3,8 +3,7 @@ import type { Schemas } from "../api/service";
 import { notify } from "../store/notices";
 import type { SceneStore } from "../store/scene";
 import { strings } from "../strings";
-
-const OPEN = new Set<Schemas["JobState"]>(["queued", "running"]);
+import { isOpen } from "../work/job-progress";
 
 /** The jobs that were open and have ended since. */
 export function ended(
@@ -13,7 +12,7 @@ export function ended(
 ): readonly Schemas["Job"][] {
   return jobs.filter((job) => {
     const state = before.get(job.id);
-    return state !== undefined && OPEN.has(state) && !OPEN.has(job.state);
+    return state !== undefined && isOpen({ state }) && !isOpen(job);
   });
 }
 

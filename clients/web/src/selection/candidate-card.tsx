@@ -6,7 +6,7 @@ import { metric } from "../candidates/site";
 import { formatLength, formatPose, formatScore, formatShare } from "../components/format";
 import { ServiceImage } from "../components/service-image";
 import { planRun } from "../plans/plan-run";
-import { go, route } from "../router";
+import { show } from "../router";
 import { notify, report } from "../store/notices";
 import type { SceneStore } from "../store/scene";
 import { strings } from "../strings";
@@ -155,8 +155,7 @@ function Deeds({ store, id, pose, ranking }: DeedsProps) {
     if (!ranking) return;
     const ranked = ranking.candidates.filter(({ rank }) => rank !== null);
     void planRun(store).startFrom({ candidates: ranked.map(({ id, pose }) => ({ id, pose })) });
-    const now = route.value;
-    if (now.page === "scene") go({ ...now, panel: "plans" });
+    show({ panel: "plans" });
   };
   return (
     <>

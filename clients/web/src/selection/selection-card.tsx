@@ -47,7 +47,8 @@ function ImageDetails({ store, image }: ImageDetailsProps) {
         <ServiceImage path={path("thumbnail")} alt={image.name} class="thumbnail" />
       )}
       <p>
-        {texts.registration[image.registration]} {image.reason} <span class="hint">{image.hint}</span>
+        {strings.photographs.registrations[image.registration]}. {image.reason}{" "}
+        <span class="hint">{image.hint}</span>
       </p>
       <p class="actions">
         {view && (

@@ -7,7 +7,8 @@ export function keptDrawings(sceneId: string): Signal<readonly Drawing[]> {
   const name = `fvs-drawings-${sceneId}`;
   const drawings = signal(stored<readonly Drawing[]>(sessionStorage, name, []));
   effect(() => {
-    sessionStorage.setItem(name, JSON.stringify(drawings.value));
+    if (drawings.value.length > 0) sessionStorage.setItem(name, JSON.stringify(drawings.value));
+    else sessionStorage.removeItem(name);
   });
   return drawings;
 }

@@ -1,16 +1,14 @@
 import { signal } from "@preact/signals";
-import { ServiceError } from "../api/problem";
+import { ServiceError, type Words, wordsOf } from "../api/problem";
 import { strings } from "../strings";
 
 /** How long a success is shown; what needs a reaction stays until it is closed. */
 const SUCCESS_MS = 8000;
 
 /** A sentence for the operator. */
-export interface Notice {
+export interface Notice extends Words {
   id: number;
   kind: "error" | "warning" | "success";
-  message: string;
-  hint: string;
 }
 
 export const notices = signal<readonly Notice[]>([]);
@@ -37,5 +35,5 @@ export function report(error: unknown): void {
     return;
   }
   console.error(error);
-  notify("error", error instanceof Error ? error.message : String(error), strings.unexpectedHint);
+  notify("error", wordsOf(error).message, strings.unexpectedHint);
 }

@@ -105,7 +105,13 @@ export class SceneStore {
   private readonly staleJobs = new Set<string>();
   /** Events of images that came since their list was asked for; null while it is not. */
   private imageEvents: SceneEvent[] | null = null;
-  private readonly refresh = throttled(() => this.reload(), REFRESH_MS);
+  /** What is being loaded. */
+  private loading: Promise<void> = Promise.resolve();
+  private readonly refresh = throttled(async () => {
+    await this.reload().catch((error: unknown) => {
+      if (this.connection.value === "live") report(error);
+    });
+  }, REFRESH_MS);
 
   constructor(readonly id: string) {
     this.drawings = keptDrawings(id);
@@ -122,7 +128,7 @@ export class SceneStore {
     this.aborter.abort();
   }
 
-  /** Load everything again. */
+  /** Load everything again. Throws `ServiceError`. */
   async load(): Promise<void> {
     for (const name of ["scene", "images", "snapshots", "rankings", "plans", "visits"] as const)
       this.stale.add(name);
@@ -203,8 +209,14 @@ export class SceneStore {
       : [job, ...this.jobs.value];
   }
 
-  /** Load what events made stale. */
-  private async reload(): Promise<void> {
+  /** Load what events made stale, after what is being loaded: an older answer never follows a newer one. */
+  private reload(): Promise<void> {
+    this.loading = this.loading.catch(() => undefined).then(() => this.loadStale());
+    return this.loading;
+  }
+
+  /** What fails stays stale. Throws the first failure. */
+  private async loadStale(): Promise<void> {
     const stale = new Set(this.stale);
     const jobs = [...this.staleJobs];
     this.stale.clear();
@@ -218,11 +230,14 @@ export class SceneStore {
       images: async () => {
         const meanwhile: SceneEvent[] = [];
         this.imageEvents = meanwhile;
-        const images = await all((after) =>
-          data(api.GET("/v1/scenes/{scene_id}/images", { params: { path, query: query(after) } })),
-        );
-        this.images.value = afterEvents(images, meanwhile);
-        this.imageEvents = null;
+        try {
+          const images = await all((after) =>
+            data(api.GET("/v1/scenes/{scene_id}/images", { params: { path, query: query(after) } })),
+          );
+          this.images.value = afterEvents(images, meanwhile);
+        } finally {
+          this.imageEvents = null;
+        }
       },
       snapshots: async () => {
         this.snapshots.value = await all((after) =>
@@ -243,14 +258,18 @@ export class SceneStore {
         ).visits;
       },
     };
-    const work = [...stale].map((name) => load[name]());
+    const lists = [...stale].map(async (name) => {
+      await load[name]().catch((error: unknown) => {
+        this.stale.add(name);
+        throw error;
+      });
+    });
     const ofJobs = jobs.map(async (job_id) =>
       this.replaceJob(await data(api.GET("/v1/jobs/{job_id}", { params: { path: { job_id } } }))),
     );
-    const results = await Promise.allSettled([...work, ...ofJobs]);
-    for (const result of results) {
-      if (result.status === "rejected" && this.connection.value === "live") report(result.reason);
-    }
+    const results = await Promise.allSettled([...lists, ...ofJobs]);
+    const failed = results.find((one) => one.status === "rejected");
+    if (failed) throw failed.reason;
   }
 
   private async showCameras(snapshotId: string | null): Promise<void> {

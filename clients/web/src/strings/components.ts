@@ -1,6 +1,7 @@
 export const en = {
   cancel: "Cancel",
   close: "Close",
+  retry: "Try again",
   imageFailed: "This image cannot be shown.",
   unknown: "–",
   units: {

@@ -1,3 +1,5 @@
+import { plural } from "./plural";
+
 export const en = {
   label: "Map",
   noPlace: "The scene has no place on Earth.",
@@ -67,7 +69,6 @@ export const en = {
   polygonNeedsThree: "It needs three corners at least.",
   corridorNeedsTwo: "A corridor needs two corners at least.",
   crossesItself: "Its border crosses itself, so it has no clear inside. Move or remove a corner.",
-  drawings: "Drawings",
   aboveGround: "above the ground",
   aboveOrigin: "above the first photograph",
   lower: (above: string) => `From (m ${above})`,
@@ -84,12 +85,12 @@ export const en = {
   exportGeoJson: "Save as GeoJSON",
   importGeoJson: "Open GeoJSON …",
   notGeoJson: "This file has no polygons or lines of GeoJSON on this part of the Earth.",
-  imported: (count: number) => `${count} ${count === 1 ? "drawing was" : "drawings were"} added.`,
+  imported: (count: number) => `${plural(count, "drawing was", "drawings were")} added.`,
   gap: {
     overlap: (count: number) =>
       count === 0
         ? "No photograph sees this place."
-        : `Only ${count} ${count === 1 ? "photograph sees" : "photographs see"} this place.`,
+        : `Only ${plural(count, "photograph sees", "photographs see")} this place.`,
     variance: (variance: number) => `Little is known of views from here: variance ${variance.toFixed(2)}.`,
     dB: (level: number) => `Views from here are expected to be poor: ${level.toFixed(1)} dB.`,
     fly: "Fly this gap",

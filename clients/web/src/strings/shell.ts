@@ -16,7 +16,6 @@ export const en = {
     explanation: "This service needs an API key. The page keeps it until this tab is closed.",
     howToGet: "The operator of the service creates one with: fvs keys create NAME",
     use: "Use this key",
-    change: "Change the API key",
     forget: "Forget the key",
     malformed: "A key begins with fvs_ and has only letters without accents, digits, - and _.",
   },

@@ -1,9 +1,8 @@
-const plural = (count: number, one: string, many: string) => `${count} ${count === 1 ? one : many}`;
+import { plural } from "./plural";
 
 export const en = {
   streamEnded: "The ranking ended before it was complete.",
   streamEndedHint: "The service may have been restarted. Rank again.",
-  retry: "Try again",
   noModel: "There is no model yet, so there is nothing to rank or plan.",
   noModelHint:
     "Send photographs, and update the model under Photographs. This page shows it as soon as it is there.",

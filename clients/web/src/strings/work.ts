@@ -1,3 +1,5 @@
+import { plural } from "./plural";
+
 export const en = {
   kinds: { update: "Update", fine: "Fine model", frames: "Frames of videos" },
   states: {
@@ -68,7 +70,7 @@ export const en = {
   now: "Now",
   nothing: "No job is open.",
   attempt: (n: number) => `attempt ${n}`,
-  warnings: (n: number) => (n === 1 ? "1 remark" : `${n} remarks`),
+  warnings: (n: number) => plural(n, "remark", "remarks"),
   severities: { note: "Note", warning: "Warning", doubt: "Doubt", rejection: "Rejected" },
   moreImages: (n: number) => `and ${n} more`,
   image: (name: string) => `Show ${name}`,

@@ -1,6 +1,7 @@
 import { useEffect, useRef, useState } from "preact/hooks";
 import { loadCameras } from "../api/artifacts";
 import type { Schemas } from "../api/service";
+import { SelectField } from "../components/fields";
 import { formatCount, formatDate, formatDecibels } from "../components/format";
 import type { SceneProps } from "../store/scene";
 import { strings } from "../strings";
@@ -44,17 +45,15 @@ export function Compare({ store }: SceneProps) {
           value={left}
           onChoose={(id) => setChosen({ ...chosen, left: id })}
         />
-        <label>
-          {texts.pose}
-          <select value={pose || views[0]?.image} onChange={(event) => setPose(event.currentTarget.value)}>
-            {last && <option value={VIEW}>{texts.ofView}</option>}
-            {views.map((view) => (
-              <option key={view.image} value={view.image}>
-                {view.name}
-              </option>
-            ))}
-          </select>
-        </label>
+        <SelectField
+          label={texts.pose}
+          value={pose || (views[0]?.image ?? "")}
+          onValue={setPose}
+          options={[
+            ...(last ? [{ value: VIEW, title: texts.ofView }] : []),
+            ...views.map(({ image, name }) => ({ value: image, title: name })),
+          ]}
+        />
         <SnapshotChoice
           label={texts.right}
           snapshots={snapshots}
@@ -94,22 +93,18 @@ interface SnapshotChoiceProps {
 function SnapshotChoice({ label, snapshots, value, onChoose }: SnapshotChoiceProps) {
   const { metrics } = value;
   const psnr = metrics.psnr_db ?? metrics.new_images_psnr_db;
+  const quality = texts.quality[metrics.psnr_db === null ? "ofNewImages" : "ofHeldOut"](formatDecibels(psnr));
   return (
-    <label>
-      {label}
-      <select value={value.id} onChange={(event) => onChoose(event.currentTarget.value)}>
-        {snapshots.map((one) => (
-          <option key={one.id} value={one.id}>
-            {texts.snapshot(formatDate(one.created_at), one.kind, formatCount(one.metrics.registered))}
-          </option>
-        ))}
-      </select>
-      <span class="hint">
-        {texts.quality[metrics.psnr_db === null ? "ofNewImages" : "ofHeldOut"](formatDecibels(psnr))}
-        {", "}
-        {texts.gaussians(formatCount(metrics.gaussians))}
-      </span>
-    </label>
+    <SelectField
+      label={label}
+      value={value.id}
+      onValue={onChoose}
+      options={snapshots.map((one) => ({
+        value: one.id,
+        title: texts.snapshot(formatDate(one.created_at), one.kind, formatCount(one.metrics.registered)),
+      }))}
+      hint={`${quality}, ${texts.gaussians(formatCount(metrics.gaussians))}`}
+    />
   );
 }
 
@@ -137,7 +132,8 @@ function Renders({ left, right, image, view, share, onShare }: RendersProps) {
     setFailure("");
     load(left.id, right.id, image, view, aborter.signal)
       .then((loaded) => {
-        for (const one of bitmaps.current ?? []) one.close();
+        for (const one of (aborter.signal.aborted ? loaded : bitmaps.current) ?? []) one.close();
+        if (aborter.signal.aborted) return;
         bitmaps.current = loaded;
         setLoading(false);
       })
@@ -152,7 +148,10 @@ function Renders({ left, right, image, view, share, onShare }: RendersProps) {
   useEffect(() => {
     const observer = new ResizeObserver(() => drawLatest.current());
     if (canvas.current) observer.observe(canvas.current);
-    return () => observer.disconnect();
+    return () => {
+      observer.disconnect();
+      for (const one of bitmaps.current ?? []) one.close();
+    };
   }, []);
   const drawLatest = useRef(draw);
   drawLatest.current = draw;

@@ -150,7 +150,7 @@ function priorMarkers(store: SceneStore, frames: Frames, known: ReadonlySet<stri
       layer: "unregistered",
       ...camera,
       paint: { kind: "unregistered" },
-      label: `${image.name}: ${strings.view3d.card.registration[image.registration]}`,
+      label: `${image.name}: ${strings.photographs.registrations[image.registration]}`,
       selects: { kind: "image", digest: image.digest },
     });
   }
@@ -219,7 +219,7 @@ function candidateMarkers(store: SceneStore, frames: Frames): Marker[] {
       paint: one.rank === null ? { kind: "unranked" } : { kind: "rank", value: (one.rank - 1) / last },
       label:
         one.rank === null
-          ? strings.view3d.unranked(one.id, strings.view3d.status[one.status])
+          ? strings.view3d.unranked(one.id, strings.views.statuses[one.status])
           : strings.view3d.ranked(one.id, one.rank),
       selects: { kind: "candidate", id: one.id },
     });
@@ -236,7 +236,7 @@ function visitMarkers(store: SceneStore, frames: Frames): Marker[] {
       layer: "visits",
       ...camera,
       paint: { kind: visit.state },
-      label: strings.view3d.visit(visit.candidate_id, visit.vehicle, strings.view3d.visitState[visit.state]),
+      label: strings.view3d.visit(visit.candidate_id, visit.vehicle, strings.views.card.visits[visit.state]),
       selects: { kind: "candidate", id: visit.candidate_id },
     });
   }

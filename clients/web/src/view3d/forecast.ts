@@ -1,5 +1,6 @@
 import type { Triple } from "../api/artifacts";
 import type { Schemas } from "../api/service";
+import { poseOf } from "../geometry/frames";
 import type { SceneStore } from "../store/scene";
 import { framesOf, placedBy } from "./content";
 
@@ -33,15 +34,4 @@ export function forecastOf(store: SceneStore): ShownForecast | null {
     return position ? [{ position, value }] : [];
   });
   return { unit: forecast.calibrated ? "dB" : "variance", ends, samples };
-}
-
-/** A place of the surface has no direction: any does. */
-function poseOf({
-  pose,
-  position,
-}: Schemas["ForecastSample"]): Schemas["FramePose"] | Schemas["VehiclePose"] {
-  if (pose) return pose;
-  if (position && "latitude_deg" in position) return { ...position, yaw_deg: 0, pitch_deg: 0 };
-  const { frame, position: place } = position as Schemas["FramePosition"];
-  return { frame: frame === "model" ? "model" : "world", position: place, orientation_wxyz: [1, 0, 0, 0] };
 }

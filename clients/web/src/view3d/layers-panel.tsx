@@ -1,6 +1,7 @@
+import { CheckField, SelectField } from "../components/fields";
 import { strings } from "../strings";
 import { LAYERS } from "./content";
-import { SOURCES, type Source, type ViewState } from "./view-state";
+import { SOURCES, type ViewState } from "./view-state";
 
 const texts = strings.view3d;
 
@@ -11,29 +12,25 @@ export function LayersPanel({ state }: { state: ViewState }) {
       <summary>{texts.layers}</summary>
       <fieldset aria-label={texts.layers}>
         {LAYERS.map((layer) => (
-          <label key={layer} class="check">
-            <input
-              type="checkbox"
-              checked={!state.hidden.value.has(layer)}
-              onChange={() => state.toggle(layer)}
-            />
+          <CheckField
+            key={layer}
+            checked={!state.hidden.value.has(layer)}
+            onChecked={() => state.toggle(layer)}
+          >
             {texts.layer[layer]}
-          </label>
+          </CheckField>
         ))}
       </fieldset>
-      <label>
-        {texts.drawnBy}
-        <select
-          value={state.source.value}
-          onChange={(event) => state.choose(event.currentTarget.value as Source)}
-        >
-          {SOURCES.map((source) => (
-            <option key={source} value={source} disabled={source === "local" && state.gl === "none"}>
-              {texts.sources[source]}
-            </option>
-          ))}
-        </select>
-      </label>
+      <SelectField
+        label={texts.drawnBy}
+        value={state.source.value}
+        onValue={(source) => state.choose(source)}
+        options={SOURCES.map((value) => ({
+          value,
+          title: texts.sources[value],
+          disabled: value === "local" && state.gl === "none",
+        }))}
+      />
     </details>
   );
 }

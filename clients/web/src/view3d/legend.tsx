@@ -1,7 +1,7 @@
 import { colourOf, cssOf } from "../components/colour-map";
 import type { SceneStore } from "../store/scene";
 import { strings } from "../strings";
-import { theme } from "../theme";
+import { theme, vehicleColour } from "../theme";
 import { contentOf } from "./content";
 import { forecastOf } from "./forecast";
 import type { ViewState } from "./view-state";
@@ -23,7 +23,7 @@ export function Legend({ store, state, viewer }: { store: SceneStore; state: Vie
     <ul class="view3d-legend" aria-label={texts.label}>
       {plain.map((kind) => (
         <li key={kind}>
-          <span class={`swatch marker-${kind}`} /> {texts.kinds[kind]}
+          <span class="swatch" style={{ background: `var(--marker-${kind})` }} /> {texts.kinds[kind]}
         </li>
       ))}
       {kinds.has("rank") && (
@@ -34,7 +34,8 @@ export function Legend({ store, state, viewer }: { store: SceneStore; state: Vie
       {shown.has("route") &&
         routes.map((route) => (
           <li key={route.vehicle}>
-            <span class={`swatch vehicle-${((route.vehicle - 1) % 6) + 1}`} /> {texts.vehicle(route.vehicle)}
+            <span class="swatch" style={{ background: `var(${vehicleColour(route.vehicle)})` }} />{" "}
+            {texts.vehicle(route.vehicle)}
           </li>
         ))}
       {forecast && shown.has("forecast") && (

@@ -3,7 +3,7 @@ import type { Triple } from "../api/artifacts";
 import { dot } from "../geometry/vectors";
 import type { Content, Marker } from "./content";
 import { DEFAULT_INTRINSICS, fitted } from "./lens";
-import { edgesOf, frustumSize, groundHeight, groundOf, roundLength } from "./lines";
+import { edgesOf, frustumSize, groundHeight, groundOf } from "./lines";
 import { pick, pickable } from "./picking";
 
 function marker(position: Triple, changes: Partial<Marker> = {}): Marker {
@@ -61,15 +61,6 @@ describe("the ground", () => {
     expect(spacing * 2).toBe(2); // a fifth of the radius is 4 m
     for (const [from, to] of lines) expect([from[2], to[2]]).toEqual([-1.5, -1.5]);
     expect(lines.some(([from, to]) => dot([to[0] - from[0], to[1] - from[1], 0], [0, 1, 0]) > 10)).toBe(true);
-  });
-
-  it.each([
-    [4.9, 2],
-    [5, 5],
-    [0.013, 0.01],
-    [730, 500],
-  ])("%f m are rounded down to %f m", (length, round) => {
-    expect(roundLength(length)).toBeCloseTo(round, 9);
   });
 
   it("is below nearly all points, not below all", () => {

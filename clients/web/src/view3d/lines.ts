@@ -1,4 +1,5 @@
 import type { PinholeIntrinsics, Triple } from "../api/artifacts";
+import { roundLength } from "../components/format";
 import { add, cross, dot, minus, times, unit } from "../geometry/vectors";
 import type { Content, Marker } from "./content";
 import { imageCorners } from "./lens";
@@ -81,13 +82,6 @@ export function groundOf(content: Content, height: number): Ground {
     }
   }
   return { spacing, lines };
-}
-
-/** The greatest of 1, 2 and 5 times powers of ten that is not above a length. */
-export function roundLength(length: number): number {
-  const power = 10 ** Math.floor(Math.log10(length));
-  const step = length / power;
-  return power * (step >= 5 ? 5 : step >= 2 ? 2 : 1);
 }
 
 /** The height along `up` above which nearly all points are. */

@@ -1,5 +1,5 @@
 import { artifactPath } from "../api/paths";
-import { ServiceError } from "../api/problem";
+import { wordsOf } from "../api/problem";
 import { bytes } from "../api/service";
 import type { Camera } from "../geometry/frames";
 import { strings } from "../strings";
@@ -10,8 +10,8 @@ import type { WebglLayers } from "./webgl";
 
 /** The sentence about what went wrong. */
 export function sentence(error: unknown): string {
-  if (error instanceof ServiceError) return `${error.message} ${error.hint}`;
-  return error instanceof Error ? error.message : String(error);
+  const { message, hint } = wordsOf(error);
+  return `${message} ${hint}`.trim();
 }
 
 /** What the model of a snapshot looks like: its points, and its splat or the service's renders. */

@@ -1,5 +1,5 @@
 import { colourOf, cssOf, type Rgb } from "../components/colour-map";
-import { theme } from "../theme";
+import { theme, vehicleColour } from "../theme";
 import type { Paint } from "./content";
 
 /** The view's colours in the present theme, from CSS variables of the stage. */
@@ -12,8 +12,6 @@ export interface Palette {
   of: (paint: Paint) => string;
   ofValue: (value: number) => string;
 }
-
-const VEHICLES = 6;
 
 /** Read the palette of an element. */
 export function paletteOf(element: HTMLElement): Palette {
@@ -30,7 +28,7 @@ export function paletteOf(element: HTMLElement): Palette {
     ofValue,
     of: (paint) => {
       if (paint.kind === "rank") return ofValue(paint.value);
-      if (paint.kind === "vehicle") return variable(`--vehicle-${((paint.number - 1) % VEHICLES) + 1}`);
+      if (paint.kind === "vehicle") return variable(vehicleColour(paint.number));
       return variable(`--marker-${paint.kind}`);
     },
   };

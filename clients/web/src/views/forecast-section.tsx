@@ -3,7 +3,7 @@ import { Failure } from "../components/failure";
 import { SelectField } from "../components/fields";
 import { formatShare } from "../components/format";
 import { planRun } from "../plans/plan-run";
-import { go, route } from "../router";
+import { show } from "../router";
 import type { SceneProps, SceneStore } from "../store/scene";
 import { strings } from "../strings";
 import { FORECAST_PLACES, type ForecastPlace, leastKnown, summaryOf } from "./forecast-form";
@@ -20,8 +20,7 @@ export function ForecastSection({ store }: SceneProps) {
     const site = siteOf(store);
     if (!place || !forecast || !site) return;
     void planRun(store).startFrom(leastKnown(place, forecast, site));
-    const now = route.value;
-    if (now.page === "scene") go({ ...now, panel: "plans" });
+    show({ panel: "plans" });
   };
   return (
     <section aria-label={texts.title} class="forecast">

@@ -5,8 +5,7 @@ import { report } from "../store/notices";
 import type { SceneProps } from "../store/scene";
 import { strings } from "../strings";
 import { CancelJob } from "./cancel-job";
-import { JobProgress } from "./job-progress";
-import { isOpen, tookS } from "./job-times";
+import { isOpen, JobProgress, tookS } from "./job-progress";
 import { Remarks } from "./remarks";
 
 const texts = strings.work;

@@ -1,6 +1,6 @@
 import { useState } from "preact/hooks";
 import type { Schemas } from "../api/service";
-import { go, route } from "../router";
+import { show } from "../router";
 import type { SceneProps } from "../store/scene";
 import { strings } from "../strings";
 
@@ -42,7 +42,7 @@ function Images({ digests, store }: SceneProps & { digests: readonly string[] })
           aria-label={texts.image(image.name)}
           onClick={() => {
             store.selection.value = { kind: "image", digest: image.digest };
-            if (route.value.page === "scene") go({ ...route.value, panel: "photographs" });
+            show({ panel: "photographs" });
           }}
         >
           {image.name}

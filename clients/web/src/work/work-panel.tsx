@@ -2,7 +2,7 @@ import type { SceneProps } from "../store/scene";
 import { strings } from "../strings";
 import { Growth } from "./growth";
 import { JobCard } from "./job-card";
-import { isOpen } from "./job-times";
+import { isOpen } from "./job-progress";
 import { Snapshots } from "./snapshots";
 import { StartJob } from "./start-job";
 import "./work.css";

@@ -10,6 +10,7 @@ from fvs_schema.base import Model
 from fvs_schema.events import Event
 from fvs_schema.problems import Problem
 from fvs_schema.rankings import RankingPart
+from fvs_schema.snapshots import SnapshotCameras
 from fvs_service.gateway.rest.openapi_schemas import REFERENCE, merged, rename, tidy, without_null
 from fvs_service.gateway.rest.problems import MEDIA_TYPE
 
@@ -40,8 +41,8 @@ TAGS = {
     "snapshots": "Models, and their files.",
     "service": "The service itself: features, health and metrics.",
 }
-_STREAMED = (Event, RankingPart)
-"""What streams consist of: the document has their schemas, though OpenAPI 3.1 cannot refer to them."""
+_IN_BYTES = (Event, RankingPart, SnapshotCameras)
+"""What streams and artifacts consist of: the document has their schemas, which no operation refers to."""
 PROBLEM_RESPONSE: dict[str, Any] = {
     "description": "A problem document.",
     "content": {MEDIA_TYPE: {"schema": {"$ref": REFERENCE.format(model=Problem.__name__)}}},
@@ -63,7 +64,7 @@ def describe(app: FastAPI, bodies: Iterable[type[Model]], *, keys_required: bool
             return app.openapi_schema
         document = original()
         _, sent = models_json_schema([(kind, "validation") for kind in bodies], ref_template=REFERENCE)
-        answered = (Problem, *_STREAMED)
+        answered = (Problem, *_IN_BYTES)
         _, more = models_json_schema([(kind, "serialization") for kind in answered], ref_template=REFERENCE)
         components = document.setdefault("components", {})
         outputs = {**components.get("schemas", {}), **more["$defs"]}
