@@ -1,4 +1,4 @@
-"""The queue of a scene's rankings and renders: one is computed at a time, before training.
+"""The queue of a scene's rankings and renders: one at a time, before training; API keys take turns.
 
 Equal requests that arrive while one is queued or computed share one computation, each over its own
 connection. When the last requester has hung up or timed out, the computation leaves the queue, or stops
@@ -8,6 +8,7 @@ between two views.
 import math
 import threading
 import time
+from collections import Counter
 from collections.abc import Callable, Sequence
 from concurrent.futures import Future, wait
 from dataclasses import dataclass
@@ -75,10 +76,10 @@ class RequesterGoneError(Exception):
 
 
 class _Computation:
-    """A task in the queue, and the requesters that wait for its answer."""
+    """A task in the queue, and the requesters that wait for its answer; ``api_key`` is that of the first."""
 
-    def __init__(self, task: Task) -> None:
-        self.task = task
+    def __init__(self, task: Task, api_key: str) -> None:
+        self.task, self.api_key = task, api_key
         self.requesters: set[Requester] = set()
         self.answer: Future[Any] = Future()
         self.results: list[Any] = []
@@ -108,7 +109,7 @@ class _Computation:
 
 
 class RequestQueue:
-    """Computes tasks first in, first out, in its own thread.
+    """Computes tasks in its own thread: those of an API key in their order, and keys take turns.
 
     Each uses all cores, so two at once would take twice as long and twice the memory. At most ``most``
     different tasks are in the queue, and ``most_per_key`` of one API key.
@@ -169,24 +170,35 @@ class RequestQueue:
                 if computation.task.key == task.key and not computation.monitor.cancelled:
                     computation.requesters.add(requester)
                     return computation
-            self._require_room(task, requester)
-            computation = _Computation(task)
+            place = self._place(requester.api_key)
+            self._require_room(task, requester, place)
+            computation = _Computation(task, requester.api_key)
             computation.requesters.add(requester)
-            self._queue.append(computation)
+            self._queue.insert(place, computation)
             self._changed.notify_all()
             return computation
 
-    def _require_room(self, task: Task, requester: Requester) -> None:
+    def _place(self, api_key: str) -> int:
+        """Where the next task of a key enters the queue: API keys take turns."""
+        theirs = sum(computation.api_key == api_key for computation in self._queue)
+        turns: Counter[str] = Counter()
+        for index, computation in enumerate(self._queue):
+            if turns[computation.api_key] > theirs and computation.started == math.inf:
+                return index
+            turns[computation.api_key] += 1
+        return len(self._queue)
+
+    def _require_room(self, task: Task, requester: Requester, place: int) -> None:
         theirs = [
             one for one in self._queue if any(other.api_key == requester.api_key for other in one.requesters)
         ]
         if len(self._queue) >= self._most:
             raise _full("The scene", len(self._queue), self._queue[0].left_s(self._pace))
         if len(theirs) >= self._most_per_key:
-            raise _full("This API key", len(theirs), self._expected_s(until=theirs[0]))
-        waits_s = self._expected_s()
+            raise _full("This API key", len(theirs), self._expected_s(self._queue.index(theirs[0]) + 1))
+        waits_s = self._expected_s(place)
         late_s = waits_s + self._pace.expected_s(task.kind, task.views) - requester.timeout_s
-        if self._queue and late_s > 0:
+        if place and late_s > 0:
             raise LimitExceededError(
                 f"The rankings before this one take {waits_s:.0f} s, so it cannot be answered within "
                 f"{requester.timeout_s:.0f} s.",
@@ -194,9 +206,8 @@ class RequestQueue:
                 retry_after_s=max(1, math.ceil(min(late_s, waits_s))),
             )
 
-    def _expected_s(self, until: _Computation | None = None) -> float:
-        """The time until the queue is empty, or ``until`` is answered."""
-        end = len(self._queue) if until is None else self._queue.index(until) + 1
+    def _expected_s(self, end: int | None = None) -> float:
+        """The time until the queue is empty, or its first ``end`` tasks are answered."""
         return sum(computation.left_s(self._pace) for computation in self._queue[:end])
 
     def _leave(self, computation: _Computation, requester: Requester) -> None:
