@@ -4,6 +4,9 @@ import type { MapState } from "./map-state";
 import { parsePlace } from "./places";
 import { USES } from "./sketch";
 
+/** Where the page is as narrow as a tablet's, so that hints would cover the map that is drawn on. */
+const NARROW = matchMedia("(max-width: 1200px)");
+
 /** Begins and ends drawings. */
 export function DrawingTools({ map }: { map: MapState }) {
   const { sketch } = map;
@@ -14,10 +17,13 @@ export function DrawingTools({ map }: { map: MapState }) {
     return (
       <section class="map-card" aria-label={texts.draw}>
         <h2>{texts.uses[current]}</h2>
-        <p class="hint">
-          {texts.useHints[current]} {texts.drawHint}
-        </p>
-        <TypedCorner map={map} />
+        <details open={!NARROW.matches}>
+          <summary>{texts.howToDraw}</summary>
+          <p class="hint">
+            {texts.useHints[current]} {texts.drawHint}
+          </p>
+          <TypedCorner map={map} />
+        </details>
         {sketch.refusal.value && (
           <p class="error" role="alert">
             {sketch.refusal.value}

@@ -2,6 +2,9 @@ export const en = {
   cancel: "Cancel",
   close: "Close",
   retry: "Try again",
+  notLoaded: "This part of the page cannot be loaded.",
+  notLoadedHint: "The service is away, or it was upgraded since the page was loaded.",
+  reload: "Load the page again",
   imageFailed: "This image cannot be shown.",
   unknown: "–",
   units: {

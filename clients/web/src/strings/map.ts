@@ -59,6 +59,7 @@ export const en = {
   },
   drawHint:
     "Click corners, or set them with arrow keys and Enter; Backspace removes the last, Escape cancels. The first or last corner again ends it.",
+  howToDraw: "How to draw, and coordinates",
   finish: "Finish",
   removeLast: "Undo corner",
   typeCorner: "Latitude, longitude",

@@ -38,10 +38,7 @@ function sourceOf(
   form: CandidatesForm,
 ): Schemas["ForecastRequest"] {
   if (place === "surface") return { surface: { count: SURFACE } };
-  if (place === "ground") {
-    const margin_m = usualRadius(site);
-    return { generator: { kind: "grid", columns: GRID, rows: GRID, margin_m, look: "down" } };
-  }
+  if (place === "ground") return { generator: { kind: "grid", columns: GRID, rows: GRID, look: "down" } };
   if (ranking) return { candidates: ranking.candidates.map(({ id, pose }) => ({ id, pose })) };
   const generator = generatorOf(form, site);
   return {
