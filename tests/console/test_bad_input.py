@@ -7,7 +7,7 @@ from pathlib import Path
 import pytest
 from fvs_client import Client, Scene
 from fvs_service.serving.running import RunningService, running_service
-from playwright.sync_api import expect
+from playwright.sync_api import Route, expect
 from watched_pages import Opener
 
 ENDLESS = 100_000
@@ -125,3 +125,21 @@ def test_a_map_without_network_is_a_map(open_page: Opener, tmp_path: Path, photo
         ).to_be_visible()
         expect(page.get_by_role("group", name="Draw").get_by_role("button", name="Area")).to_be_enabled()
         open_page.close()
+
+
+def test_a_part_that_an_upgrade_took_away_is_told(
+    open_page: Opener, console_service: RunningService, new_scene: NewScene
+) -> None:
+    scene = new_scene("upgraded")
+    page, watch = open_page(console_service.url, f"#/scenes/{scene.id}/view3d/photographs")
+    watch.allow("status of 404")
+
+    def gone(route: Route) -> None:
+        route.fulfill(status=404, json={"detail": "The console has no such file."})
+
+    page.route(re.compile("/console/assets/map-view.*js$"), gone)
+    page.get_by_role("link", name="Map").click()
+    expect(page.get_by_text("This part of the page cannot be loaded.")).to_be_visible()
+    page.unroute_all()
+    page.get_by_role("button", name="Load the page again").click()
+    expect(page.get_by_text("There is nothing to show yet")).to_be_visible()
