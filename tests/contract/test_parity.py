@@ -68,9 +68,12 @@ RPC_ONLY = {
 }
 MODELS_OF_REST = {
     "Health": "grpc.health.v1",
+    "PinholeIntrinsics": "of an artifact",
     "Problem": "google.rpc.Status",
     "ProblemField": "google.rpc.BadRequest",
     "RefusedMask": "of a form",
+    "SnapshotCameras": "an artifact",
+    "SnapshotView": "of an artifact",
     "UploadAnswer": "of a form",
     "UploadItem": "of a form",
 }

@@ -100,37 +100,46 @@ class PinholeIntrinsics(Output):
     """A pinhole camera, in px."""
 
     width_px: Annotated[int, Field(gt=0)]
+    """Width of its images."""
     height_px: Annotated[int, Field(gt=0)]
+    """Height of its images."""
     fx_px: PositiveNumber
+    """Focal length along x."""
     fy_px: PositiveNumber
+    """Focal length along y."""
     cx_px: Number
+    """x of the principal point."""
     cy_px: Number
+    """y of the principal point."""
 
 
 class SnapshotView(Output):
-    """A registered image and its camera's pose in the model frame (model_from_camera).
-
-    ``counted_share`` is the share of the image that its mask keeps; 1 without one.
-    """
+    """A registered image and its camera's pose in the model frame (model_from_camera)."""
 
     image: Digest
+    """The SHA-256 of its bytes."""
     name: str
+    """The sender's name of it."""
     position: Triple
+    """The camera's centre."""
     orientation_wxyz: Quaternion
+    """The rotation from the camera to the model frame."""
     counted_share: Annotated[float, Field(ge=0, le=1)] = 1.0
+    """The share of the image that its mask keeps; 1 without one."""
 
 
 class SnapshotCameras(Output):
-    """The artifact `cameras.json`: the poses of the registered images, in the model frame.
-
-    ``camera`` is the camera of most images, at the size at which rankings are rendered; ``centre`` is the
-    median of the model's points, ``up`` the upward direction, ``lower`` and ``upper`` the corners of a box
-    around the points.
-    """
+    """The artifact `cameras.json`: the poses of the registered images, in the model frame."""
 
     camera: PinholeIntrinsics
+    """The camera of most images, at the size at which rankings are rendered."""
     views: tuple[SnapshotView, ...]
+    """The registered images."""
     centre: Triple
+    """The median of the model's points."""
     up: Triple
+    """The upward direction."""
     lower: Triple
+    """The lower corner of a box around the points."""
     upper: Triple
+    """The upper corner of that box."""

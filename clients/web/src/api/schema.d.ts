@@ -2462,11 +2462,17 @@ export interface components {
          * @description A pinhole camera, in px.
          */
         PinholeIntrinsics: {
+            /** @description Width of its images. */
             width_px: number;
+            /** @description Height of its images. */
             height_px: number;
+            /** @description Focal length along x. */
             fx_px: number;
+            /** @description Focal length along y. */
             fy_px: number;
+            /** @description x of the principal point. */
             cx_px: number;
+            /** @description y of the principal point. */
             cy_px: number;
         };
         /**
@@ -3568,29 +3574,31 @@ export interface components {
         /**
          * SnapshotCameras
          * @description The artifact `cameras.json`: the poses of the registered images, in the model frame.
-         *
-         *     ``camera`` is the camera of most images, at the size at which rankings are rendered; ``centre`` is the
-         *     median of the model's points, ``up`` the upward direction, ``lower`` and ``upper`` the corners of a box
-         *     around the points.
          */
         SnapshotCameras: {
+            /** @description The camera of most images, at the size at which rankings are rendered. */
             camera: components["schemas"]["PinholeIntrinsics"];
+            /** @description The registered images. */
             views: components["schemas"]["SnapshotView"][];
+            /** @description The median of the model's points. */
             centre: [
                 number,
                 number,
                 number
             ];
+            /** @description The upward direction. */
             up: [
                 number,
                 number,
                 number
             ];
+            /** @description The lower corner of a box around the points. */
             lower: [
                 number,
                 number,
                 number
             ];
+            /** @description The upper corner of that box. */
             upper: [
                 number,
                 number,
@@ -3648,24 +3656,26 @@ export interface components {
         /**
          * SnapshotView
          * @description A registered image and its camera's pose in the model frame (model_from_camera).
-         *
-         *     ``counted_share`` is the share of the image that its mask keeps; 1 without one.
          */
         SnapshotView: {
+            /** @description The SHA-256 of its bytes. */
             image: string;
+            /** @description The sender's name of it. */
             name: string;
+            /** @description The camera's centre. */
             position: [
                 number,
                 number,
                 number
             ];
+            /** @description The rotation from the camera to the model frame. */
             orientation_wxyz: [
                 number,
                 number,
                 number,
                 number
             ];
-            /** @description Default: `1.0`. */
+            /** @description The share of the image that its mask keeps; 1 without one. Default: `1.0`. */
             counted_share: number;
         };
         /**
