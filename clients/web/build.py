@@ -1,16 +1,18 @@
-"""Builds the console: the types of the service's interface, and the page that the service sends.
+"""Builds the console: the types of the service's interface, and the page that the service sends, compressed.
 
 With ``--check`` it fails when what is checked in differs from what the sources make.
 """
 
+import gzip
 import json
 import os
+import shutil
 import subprocess
 import sys
 import tempfile
 from pathlib import Path
-from typing import Any
 
+from fvs_service.host.worker.runners import LeasedRunners
 from fvs_service.serving.rest_app import create_app
 from fvs_service.settings import Settings
 
@@ -21,39 +23,38 @@ BUILT = WEB.parent.parent / "services" / "fvs_service" / "console" / "built"
 
 def main() -> None:
     """Build in place, or check."""
-    check = "--check" in sys.argv[1:]
     with tempfile.TemporaryDirectory() as folder:
-        types = Path(folder, TYPES.name) if check else TYPES
-        built = Path(folder, "built") if check else BUILT
+        types, page = Path(folder, TYPES.name), Path(folder, "built")
         _write_types(Path(folder, "openapi.json"), types)
-        _npx("vite", "build", "--logLevel", "warn", "--outDir", str(built), "--emptyOutDir")
+        check = "--check" in sys.argv[1:]
+        if not check:
+            shutil.copy(types, TYPES)
+        _npx("vite", "build", "--logLevel", "warn", "--outDir", str(page))
+        made = {f"{path.relative_to(page)}.gz": path.read_bytes() for path in page.rglob("*.*")}
+        kept = {str(path.relative_to(BUILT)): path for path in BUILT.rglob("*.gz")}
+        # By content: other versions of zlib compress otherwise.
+        stale = sorted(
+            name
+            for name in made.keys() | kept.keys()
+            if name not in kept or gzip.decompress(kept[name].read_bytes()) != made.get(name)
+        )
         if check:
-            stale = [] if _same(types, TYPES) else [str(TYPES)]
-            stale += _differences(built, BUILT)
+            if types.read_bytes() != TYPES.read_bytes():
+                stale.append(TYPES.name)
             if stale:
                 raise SystemExit(f"Run make generate: these differ from their sources: {', '.join(stale)}")
+            return
+        for name in stale:
+            if name in made:
+                BUILT.joinpath(name).parent.mkdir(parents=True, exist_ok=True)
+                BUILT.joinpath(name).write_bytes(gzip.compress(made[name], mtime=0))
+            else:
+                kept[name].unlink()
 
 
 def _write_types(document: Path, types: Path) -> None:
-    def no_runners(*_: Any) -> Any:
-        raise NotImplementedError  # an application that only describes itself starts none
-
-    document.write_text(json.dumps(create_app(Settings(), no_runners).openapi()))
+    document.write_text(json.dumps(create_app(Settings(), LeasedRunners).openapi()))
     _npx("openapi-typescript", str(document), "--output", str(types))
-
-
-def _differences(made: Path, checked_in: Path) -> list[str]:
-    names = {
-        path.relative_to(folder)
-        for folder in (made, checked_in)
-        for path in folder.rglob("*")
-        if path.is_file()
-    }
-    return [str(checked_in / name) for name in sorted(names) if not _same(made / name, checked_in / name)]
-
-
-def _same(one: Path, other: Path) -> bool:
-    return one.is_file() and other.is_file() and one.read_bytes() == other.read_bytes()
 
 
 def _npx(*command: str) -> None:

@@ -1,13 +1,13 @@
 import { readFileSync } from "node:fs";
 import { defineConfig } from "vitest/config";
-import { sparkWorker } from "./plugins/spark-worker.ts";
+import { sparkFiles } from "./plugins/spark-files.ts";
 
 const VERSION = /^version = "(.*)"$/m.exec(readFileSync("../../pyproject.toml", "utf8"))?.[1];
 const SERVICE = process.env.FVS_URL ?? "http://127.0.0.1:8000";
 
 export default defineConfig({
   base: "/console/",
-  plugins: [sparkWorker()],
+  plugins: [sparkFiles()],
   define: { __FVS_VERSION__: JSON.stringify(VERSION) },
   oxc: { jsx: { runtime: "automatic", importSource: "preact" } },
   build: {

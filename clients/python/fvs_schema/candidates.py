@@ -78,7 +78,7 @@ class Grid(Input):
     height_m: Coordinate | None = None
     """Height above the middle of the model; by default that of the highest image."""
     margin_m: Annotated[Number, Field(ge=0, le=MAX_COORDINATE_M)] = 0.0
-    """How far the grid reaches beyond the model's points on each side."""
+    """Margin of the grid around the model's points, on each side."""
     look: Literal["centre", "down"] = "centre"
     """Straight down, or at the middle of the model."""
 

@@ -88,18 +88,18 @@ class GeodeticPosition(Output):
     altitude_m: Number
     """Altitude above `altitude_datum`."""
     altitude_datum: AltitudeDatum
-    """That of the scene's altitudes."""
+    """The datum of the scene's altitudes."""
 
 
 class ForecastSample(Output):
     """How little is known of a view: at a candidate's `pose`, or of a place of the surface at `position`."""
 
     id: str
-    """The candidate's id; `surface-…` of a place."""
+    """The candidate's id; `surface-…` for a place of the surface."""
     pose: Pose | None = None
-    """The candidate's pose; null of a place."""
+    """The candidate's pose; null for a place of the surface."""
     position: FramePosition | GeodeticPosition | None = None
-    """Where the place is; null of a candidate."""
+    """Where the place of the surface is; null for a candidate."""
     variance: Number
     """The kriging variance, from 1 where no image is near to 0 among very many. Of a place it is that of a
     view from the mean direction and the mean distance of the images that see it."""
@@ -121,7 +121,7 @@ class Forecast(Output):
     calibrated: bool
     """Whether three updates have measured their new images, so that samples have a PSNR."""
     samples: tuple[ForecastSample, ...]
-    """One for each candidate, in their order, or for each place."""
+    """One per candidate, in their order, or per place of the surface."""
     alignment: Alignment
     """The alignment of the model with the world."""
     origin: Origin | None = None

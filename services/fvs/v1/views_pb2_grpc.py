@@ -184,7 +184,7 @@ class ViewServiceServicer:
         raise NotImplementedError('Method not implemented!')
 
     def ForecastViews(self, request, context):
-        """Say what the model does not know, at poses or over its surface; possible while a job runs. It is not stored.
+        """Forecast the kriging variance of poses, or of places of the surface; possible while a job runs. It is not stored.
         """
         context.set_code(grpc.StatusCode.UNIMPLEMENTED)
         context.set_details('Method not implemented!')

@@ -24,9 +24,9 @@ async def forecast_views(
     read: Annotated[ReadRequest, Depends(unread_json_body(ForecastRequest, to_read))],
     timeout_s: TimeoutS,
 ) -> Forecast:
-    """Say what the model does not know, at poses or over its surface; possible while a job runs.
+    """Forecast the kriging variance of poses, or of places of the surface; possible while a job runs.
 
-    The kriging variance of each, and the PSNR to expect once three updates have measured their new images.
+    With it comes the PSNR to expect, once three updates have measured their new images.
     With `after`, as if those views had been photographed. Nothing is rendered or stored.
     """
     with metrics.rankings_open.track_inprogress():

@@ -9,7 +9,7 @@ _LEVEL_DEG = 5.0
 
 
 def levelled(point: Waypoint) -> Waypoint:
-    """A view almost straight down, within 5°, with its roll as yaw, which turns its photograph alike.
+    """Fly the roll of a view within 5° of straight down as yaw, which turns its photograph the same way.
 
     There the direction that yaw is measured from is hardly known, and a level view may have any roll: so have
     estimated poses of photographs that were taken straight down. What is left of the tilt is flown as pitch.

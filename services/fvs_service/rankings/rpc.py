@@ -109,7 +109,7 @@ class ViewServicer:
     async def forecast_views(
         self, call: Call, caller: Principal, request: pb.ForecastViewsRequest
     ) -> Forecast:
-        """Say what the model does not know."""
+        """Forecast the kriging variance of poses, or of places of the surface."""
         wanted = await self._unread(
             call, caller, request.scene_id, ForecastRequest, request.forecast, Scope.READ
         )

@@ -1,6 +1,5 @@
 """The console's page and files as the service sends them."""
 
-import gzip
 import re
 import sys
 from pathlib import Path
@@ -50,7 +49,7 @@ def test_files_are_compressed_for_those_who_accept_it(gateway: Any) -> None:
     packed = gateway.client.get(script, headers={"Accept-Encoding": "gzip"})
     assert packed.headers["Content-Encoding"] == "gzip"
     assert packed.content == plain.content
-    assert int(packed.headers["Content-Length"]) == len(gzip.compress(plain.content, mtime=0))
+    assert int(packed.headers["Content-Length"]) < 0.5 * len(plain.content)
 
 
 @pytest.mark.parametrize("refused", ["gzip;q=0", "x-gzip-like", "identity"])

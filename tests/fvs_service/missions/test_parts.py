@@ -158,7 +158,7 @@ def test_every_format_has_the_same_parts(write: Write) -> None:
 
 
 def test_the_ways_of_a_cut_are_over_the_terrain(write: Write) -> None:
-    """A hill stands between home and the views: the way home from the first of them is not flown."""
+    """The ways home and out at a cut are checked against a hill between home and the views."""
     step = 1e-4
     row = [500.0 + (60.0 if 5 <= column <= 7 else 0.0) for column in range(40)]
     hill = Terrain(

@@ -254,7 +254,7 @@ class AsyncScene(AsyncResource, SceneData):
         snapshot_id: str | None = None,
         timeout_s: float | None = None,
     ) -> Forecast:
-        """Get what the model does not know at ``candidates``, given as for ``rank``, or over its ``surface``.
+        """Forecast the variance of ``candidates``, given as for ``rank``, or of places of the ``surface``.
 
         ``after`` are views that count as photographed, such as the stops of a plan by id. Nothing is stored.
         Raises ``NoSnapshotError`` when the scene has no model.

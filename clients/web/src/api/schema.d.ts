@@ -630,9 +630,9 @@ export interface paths {
         put?: never;
         /**
          * Forecast Views
-         * @description Say what the model does not know, at poses or over its surface; possible while a job runs.
+         * @description Forecast the kriging variance of poses, or of places of the surface; possible while a job runs.
          *
-         *     The kriging variance of each, and the PSNR to expect once three updates have measured their new images.
+         *     With it comes the PSNR to expect, once three updates have measured their new images.
          *     With `after`, as if those views had been photographed. Nothing is rendered or stored.
          */
         post: operations["forecast_views"];
@@ -1602,7 +1602,7 @@ export interface components {
             snapshot_id: string;
             /** @description Whether three updates have measured their new images, so that samples have a PSNR. */
             calibrated: boolean;
-            /** @description One for each candidate, in their order, or for each place. */
+            /** @description One per candidate, in their order, or per place of the surface. */
             samples: components["schemas"]["ForecastSample"][];
             /** @description The alignment of the model with the world. */
             alignment: components["schemas"]["Alignment"];
@@ -1671,11 +1671,11 @@ export interface components {
          * @description How little is known of a view: at a candidate's `pose`, or of a place of the surface at `position`.
          */
         ForecastSample: {
-            /** @description The candidate's id; `surface-…` of a place. */
+            /** @description The candidate's id; `surface-…` for a place of the surface. */
             id: string;
-            /** @description The candidate's pose; null of a place. */
+            /** @description The candidate's pose; null for a place of the surface. */
             pose: (components["schemas"]["FramePoseOutput"] | components["schemas"]["VehiclePoseOutput"]) | null;
-            /** @description Where the place is; null of a candidate. */
+            /** @description Where the place of the surface is; null for a candidate. */
             position: components["schemas"]["FramePosition"] | components["schemas"]["GeodeticPosition"] | null;
             /**
              * @description The kriging variance, from 1 where no image is near to 0 among very many. Of a place it is that of a
@@ -1793,7 +1793,7 @@ export interface components {
             longitude_deg: number;
             /** @description Altitude above `altitude_datum`. */
             altitude_m: number;
-            /** @description That of the scene's altitudes. */
+            /** @description The datum of the scene's altitudes. */
             altitude_datum: components["schemas"]["AltitudeDatum"];
         };
         /**
@@ -1812,7 +1812,7 @@ export interface components {
             rows?: number;
             /** @description Height above the middle of the model; by default that of the highest image. */
             height_m?: number | null;
-            /** @description How far the grid reaches beyond the model's points on each side. Default: `0.0`. */
+            /** @description Margin of the grid around the model's points, on each side. Default: `0.0`. */
             margin_m?: number;
             /**
              * @description Straight down, or at the middle of the model. Default: `centre`.
@@ -1836,7 +1836,7 @@ export interface components {
             rows: number;
             /** @description Height above the middle of the model; by default that of the highest image. */
             height_m: number | null;
-            /** @description How far the grid reaches beyond the model's points on each side. Default: `0.0`. */
+            /** @description Margin of the grid around the model's points, on each side. Default: `0.0`. */
             margin_m: number;
             /**
              * @description Straight down, or at the middle of the model. Default: `centre`.
