@@ -24,7 +24,6 @@ from fvs_service.images.videos import Videos
 from fvs_service.jobs.ledger import Ledger
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.service import Jobs
-from fvs_service.jobs.stages import work_of
 from fvs_service.missions.service import Missions
 from fvs_service.plans.service import Plans
 from fvs_service.rankings.port import SceneRunners
@@ -143,7 +142,6 @@ def _opened(
                 database,
                 jobs_per_tenant=settings.limits.running_jobs_per_tenant,
                 turn_s=settings.worker.turn_s,
-                does=work_of(settings.worker.work),
             ),
             snapshots=Snapshots(database, blobs),
             removals=Removals(database, blobs, settings.removal_grace_s),

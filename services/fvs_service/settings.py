@@ -1,7 +1,7 @@
 """The settings of the service: one frozen object."""
 
 from pathlib import Path
-from typing import Annotated, Literal
+from typing import Annotated
 
 from pydantic import AfterValidator, BeforeValidator, Field, FilePath, ValidationInfo, field_validator
 from pydantic_settings import (
@@ -64,10 +64,6 @@ class WorkerSettings(Record):
 
     count: _Processes = 1
     """Number of workers (``--workers``). They share one GPU; further GPUs need an ``fvs serve`` each."""
-    address: str = Field(default="127.0.0.1", pattern=r"^[A-Za-z0-9.:_-]+$", max_length=120)
-    """Name or address at which gateways and other workers reach this machine. Its runners listen there."""
-    work: Literal["all", "sfm", "training"] = "all"
-    """Kind of work that the workers do: structure from motion (``sfm``), ``training``, or ``all``."""
     jobs_at_once: _Processes = 1
     """Maximum number of jobs that one worker runs at once."""
     turn_s: _Seconds = 30.0

@@ -82,8 +82,8 @@ class WorkerStatus(Output):
     """How many jobs it runs at once."""
     disk_full: bool
     """It takes no jobs until there is room."""
-    work: str
-    """What it does: `sfm`, `training`, or `all`."""
+    work: str = "all"
+    """Deprecated: always `all`."""
     runners: Count
     """Scenes whose model is loaded."""
     runner_bytes: Count

@@ -49,7 +49,6 @@ def workers_of(session: Session) -> tuple[WorkerStatus, ...]:
                 backend=row.backend,
                 slots=row.slots,
                 disk_full=row.disk_full,
-                work=row.work,
                 runners=runners,
                 runner_bytes=row.runner_bytes,
             )

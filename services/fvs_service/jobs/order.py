@@ -5,20 +5,18 @@ the one whose last turn began the longest ago. Within the tenant it goes to an u
 a job that has begun before one that has not, then to the scene whose last turn began the longest ago. A job
 whose turn has lasted ``turn_ms`` makes room for a job that the order prefers, and waits for its next turn.
 So nobody starves: a waiting tenant gets a turn after at most one turn of each other tenant, and a fine model
-that has waited for ``_PATIENCE`` turns counts as an update. Where workers do one kind of work, each kind has
-a queue of its own; a fine model lets an update of its scene go first whichever queue that is in.
+that has waited for ``_PATIENCE`` turns counts as an update.
 
 Everything here is a function of the open jobs; the database is in ``jobs.queue``.
 """
 
 import heapq
 from collections import Counter, defaultdict
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 
 from fvs_schema.jobs import JobKind, WaitReason
-from fvs_service.jobs.stages import ALL_WORK, Work
 
 _PATIENCE = 20
 """A fine model that has waited for this many turns no longer lets updates of its tenant go first."""
@@ -32,7 +30,7 @@ class OpenJob:
 
     ``worker_id`` is the worker whose turn it is in, None while it waits. ``obstacle`` is what the last worker
     lacked, which is not tried again before ``not_before_ms``. ``served_ms``: when its scene's last turn
-    began; ``begun``: it had a turn. ``work`` is what it needs next, ``worker_does`` what its worker does.
+    began; ``begun``: it had a turn.
     """
 
     id: str
@@ -47,8 +45,6 @@ class OpenJob:
     cancel_requested: bool = False
     obstacle: WaitReason | None = None
     not_before_ms: int = 0
-    work: Work = Work.SFM
-    worker_does: frozenset[Work] = ALL_WORK
 
 
 @dataclass(frozen=True)
@@ -65,8 +61,7 @@ class Order:
     """The order of all open ``jobs`` at ``now_ms``.
 
     ``tenants_served_ms``: when each tenant's last turn began. ``limit``: maximum number of jobs of a tenant
-    in a turn. ``does``: the kinds of work that this is the queue for; ``workers_do``: those that all live
-    workers do together.
+    in a turn.
     """
 
     jobs: Sequence[OpenJob]
@@ -74,8 +69,6 @@ class Order:
     limit: int
     turn_ms: int
     now_ms: int
-    does: frozenset[Work] = ALL_WORK
-    workers_do: frozenset[Work] = ALL_WORK
 
     @cached_property
     def running(self) -> tuple[OpenJob, ...]:
@@ -84,10 +77,10 @@ class Order:
 
     @cached_property
     def line(self) -> tuple[Place, ...]:
-        """The jobs that wait for this work, the next one first."""
+        """The jobs that wait, the next one first."""
         by_tenant: defaultdict[str, list[OpenJob]] = defaultdict(list)
         for job in self.jobs:
-            if job.worker_id is None and job.work in self.does:
+            if job.worker_id is None:
                 by_tenant[job.tenant_id].append(job)
         for jobs in by_tenant.values():
             jobs.sort(key=self._within_tenant, reverse=True)
@@ -114,10 +107,11 @@ class Order:
         return next((place.job for place in self.line if place.obstacle is None), None)
 
     def update_of_scene_waits(self, job: OpenJob) -> bool:
-        """Whether an update of its scene, which some worker can run, waits for ``job``, a fine model."""
+        """Whether an update of its scene waits for ``job``, a fine model."""
         if job.kind is not JobKind.FINE or self._in_protected_turn(job):
             return False
-        return any(update.scene_id == job.scene_id for update in self._updates_for(self.workers_do))
+        waiting = (one for one in self.jobs if one.kind is JobKind.UPDATE and one.worker_id is None)
+        return any(update.scene_id == job.scene_id for update in waiting)
 
     def turn_ends(self, job: OpenJob) -> bool:
         """Whether the turn of ``job`` is over, and it is the one to make room for a job that waits."""
@@ -128,7 +122,7 @@ class Order:
         other = place.job
         if self.now_ms - other.waiting_since_ms < _SETTLED_MS:
             return False
-        over = [one for one in self.running if self._turn_is_over(one) and other.work in one.worker_does]
+        over = [one for one in self.running if self._turn_is_over(one)]
         if other.tenant_id != job.tenant_id:
             useful = place.obstacle in (None, WaitReason.MEMORY)
             turns = self._turns[other.tenant_id]
@@ -144,17 +138,6 @@ class Order:
     def _expendable(self, job: OpenJob) -> tuple[int, bool, int, str]:
         """Sort key: of several jobs that could make room the one with the greatest does."""
         return self._turns[job.tenant_id], job.kind is JobKind.FINE, -job.taken_at_ms, job.id
-
-    def _updates_for(self, work: frozenset[Work]) -> Iterator[OpenJob]:
-        """The updates that wait for one of these kinds of work."""
-        for job in self.jobs:
-            if job.kind is JobKind.UPDATE and job.worker_id is None and job.work in work:
-                yield job
-
-    @cached_property
-    def _scenes_of_other_lines(self) -> frozenset[str]:
-        """The scenes with an update that waits for workers other than those of this queue."""
-        return frozenset(update.scene_id for update in self._updates_for(self.workers_do - self.does))
 
     @cached_property
     def _turns(self) -> Counter[str]:
@@ -184,7 +167,7 @@ class Order:
         return not self._turn_is_over(job) and self._waited_long(job, job.taken_at_ms)
 
     def _obstacle(self, job: OpenJob, scenes: set[str], turns: int) -> WaitReason | None:
-        if job.scene_id in scenes or (self._rank(job) and job.scene_id in self._scenes_of_other_lines):
+        if job.scene_id in scenes:
             return WaitReason.SCENE
         if job.cancel_requested:
             return None

@@ -11,14 +11,12 @@ from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
 from fvs_schema.jobs import JobKind, JobState, WaitReason
-from fvs_service.jobs.fleet import is_alive
 from fvs_service.jobs.order import OpenJob, Order
 from fvs_service.jobs.repository import OPEN
-from fvs_service.jobs.stages import ALL_WORK, Work, work_of
 from fvs_service.jobs.states import Move, Mover, Turn, move
 from fvs_service.storage.clock import now_ms
 from fvs_service.storage.database import Database
-from fvs_service.storage.tables import JobRow, TenantRow, WorkerRow
+from fvs_service.storage.tables import JobRow, TenantRow
 
 _TRY_AGAIN_MS = 5_000
 _LOOKS = 8
@@ -26,18 +24,10 @@ _LOOKS = 8
 
 
 class JobQueue:
-    """The queue as a worker that ``does`` these kinds of work sees it; safe to use from any thread."""
+    """The queue of all jobs; safe to use from any thread."""
 
-    def __init__(
-        self,
-        database: Database,
-        *,
-        jobs_per_tenant: int,
-        turn_s: float,
-        does: frozenset[Work] = ALL_WORK,
-    ) -> None:
+    def __init__(self, database: Database, *, jobs_per_tenant: int, turn_s: float) -> None:
         self._database = database
-        self._does = does
         self._jobs_per_tenant = jobs_per_tenant
         self._turn_s = turn_s
 
@@ -45,11 +35,11 @@ class JobQueue:
         """Take the job that is next; None when none can have a turn."""
         for _ in range(_LOOKS):
             with self._database.reading() as session:
-                if not _anything_waits(session, self._does):
+                if not _anything_waits(session):
                     return None
             try:
                 with self._database.writing("queue") as session:
-                    chosen = self._order(session, self._does).next
+                    chosen = self.order(session).next
                     if chosen is None:
                         return None
                     taken = take_job(session, chosen.id, worker_id) if _serve(session, chosen) else None
@@ -85,7 +75,7 @@ class JobQueue:
     def must_pause(self, job_id: str, *, turn_may_end: bool) -> bool:
         """Whether a job in a turn is to make room for another one, at once or because its turn is over."""
         with self._database.reading() as session:
-            if not _anything_waits(session, ALL_WORK):
+            if not _anything_waits(session):
                 return False
             order = self.order(session)
         return any(
@@ -106,10 +96,6 @@ class JobQueue:
 
     def order(self, session: Session) -> Order:
         """The order of all open jobs."""
-        return self._order(session, ALL_WORK)
-
-    def _order(self, session: Session, does: frozenset[Work]) -> Order:
-        """The order of all open jobs, with the queue of those that wait for these kinds of work."""
         served = (
             select(JobRow.scene_id, func.max(JobRow.taken_at_ms).label("served_ms"))
             .where(JobRow.scene_id.in_(select(JobRow.scene_id).where(JobRow.state.in_(OPEN))))
@@ -130,11 +116,8 @@ class JobQueue:
                 JobRow.cancel_requested,
                 JobRow.obstacle,
                 JobRow.not_before_ms,
-                JobRow.work,
-                func.coalesce(WorkerRow.work, "all").label("worker_does"),
             )
             .join(served, served.c.scene_id == JobRow.scene_id)
-            .outerjoin(WorkerRow, WorkerRow.id == JobRow.worker_id)
             .where(JobRow.state.in_(OPEN))
         )
         jobs = tuple(
@@ -143,13 +126,10 @@ class JobQueue:
                     **row._asdict(),
                     "kind": JobKind(row.kind),
                     "obstacle": None if row.obstacle is None else WaitReason(row.obstacle),
-                    "work": Work(row.work),
-                    "worker_does": work_of(row.worker_does),
                 }
             )
             for row in rows
         )
-        alive = map(work_of, session.scalars(select(WorkerRow.work).where(is_alive()).distinct()))
         tenants = _served(session, {job.tenant_id for job in jobs})
         return Order(
             jobs=jobs,
@@ -157,8 +137,6 @@ class JobQueue:
             limit=self._jobs_per_tenant,
             turn_ms=round(1000 * self._turn_s),
             now_ms=session.scalar(select(now_ms())) or 0,
-            does=does,
-            workers_do=self._does.union(*alive),
         )
 
 
@@ -168,10 +146,8 @@ def take_job(session: Session, job_id: str, worker_id: str) -> Turn | None:
     return _turn(taken[0]) if taken else None
 
 
-def _anything_waits(session: Session, does: frozenset[Work]) -> bool:
-    query = select(JobRow.id).where(
-        JobRow.state.in_(OPEN), JobRow.worker_id.is_(None), JobRow.work.in_([work.value for work in does])
-    )
+def _anything_waits(session: Session) -> bool:
+    query = select(JobRow.id).where(JobRow.state.in_(OPEN), JobRow.worker_id.is_(None))
     return session.scalar(query.limit(1)) is not None
 
 

@@ -1,9 +1,7 @@
 """The stages of jobs in one table, and the kinds of work that they belong to.
 
 An update begins with structure from motion, on the CPU, and continues with training, where a GPU helps; a
-fine model is training alone, and frames are taken where structure from motion is computed. Where workers are
-set to do one kind of work, each kind has a queue of its own: a job waits for a worker that does what it needs
-next.
+fine model is training alone, and frames are taken where structure from motion is computed.
 """
 
 from collections.abc import Callable, Mapping
@@ -25,17 +23,9 @@ class Work(StrEnum):
     TRAINING = "training"
 
 
-ALL_WORK = frozenset(Work)
-
-
 def first_work(kind: JobKind) -> Work:
     """What a job of this kind begins with."""
     return Work.TRAINING if kind is JobKind.FINE else Work.SFM
-
-
-def work_of(setting: str) -> frozenset[Work]:
-    """The kinds of work of a worker with this ``FVS_WORKER__WORK``."""
-    return ALL_WORK if setting == "all" else frozenset({Work(setting)})
 
 
 def has_first_model(*, first: bool, images: int) -> bool:

@@ -11,7 +11,6 @@ from fvs_schema.jobs import Job, JobKind, JobState, JobWaiting, WaitReason
 from fvs_service.jobs.fleet import is_alive
 from fvs_service.jobs.order import OpenJob, Order, Place
 from fvs_service.jobs.queue import JobQueue
-from fvs_service.jobs.stages import Work, work_of
 from fvs_service.storage.tables import JobRow, WorkerRow
 
 _RECENT = 20
@@ -24,26 +23,15 @@ _MESSAGES = {
     WaitReason.DISK: "The service's disk is full; the job continues when there is room.",
     WaitReason.NO_WORKER: "No worker is alive.",
 }
-
-
-_NO_WORKER_OF = {
-    Work.SFM: "No worker is alive that does structure from motion (FVS_WORKER__WORK).",
-    Work.TRAINING: "No worker is alive that trains (FVS_WORKER__WORK).",
-}
 _BEFORE = {0: "It is the next one.", 1: "1 job goes first."}
 
 
 @dataclass(frozen=True)
 class Workers:
-    """The live workers that do what a job needs next: the number of jobs that they run at once.
-
-    ``slots`` counts those of all of them, ``slots_with_room`` those of workers whose disk is not full;
-    ``others``: whether there are workers that do something else.
-    """
+    """The number of jobs that the live workers run at once, and that of those whose disk is not full."""
 
     slots: int
     slots_with_room: int
-    others: bool = False
 
 
 def with_waiting(session: Session, queue: JobQueue, jobs: Sequence[Job]) -> tuple[Job, ...]:
@@ -52,12 +40,12 @@ def with_waiting(session: Session, queue: JobQueue, jobs: Sequence[Job]) -> tupl
         return tuple(jobs)
     order = queue.order(session)
     places = {place.job.id: place for place in order.line}
-    workers = {work: _workers(session, work) for work in Work}
+    workers = _workers(session)
     usual_s = {kind: _usual_s(session, kind) for kind in JobKind}
     return tuple(
         job
         if (place := places.get(job.id)) is None
-        else job.model_copy(update={"waiting": why_it_waits(place, order, workers[place.job.work], usual_s)})
+        else job.model_copy(update={"waiting": why_it_waits(place, order, workers, usual_s)})
         for job in jobs
     )
 
@@ -67,8 +55,7 @@ def why_it_waits(
 ) -> JobWaiting:
     """Why the job at this position waits; ``usual_s`` is the usual duration of a job by kind."""
     if workers.slots == 0:
-        reason = WaitReason.NO_WORKER
-        message = _NO_WORKER_OF[place.job.work] if workers.others else _MESSAGES[reason]
+        reason, message = WaitReason.NO_WORKER, _MESSAGES[WaitReason.NO_WORKER]
     elif place.obstacle is not None:
         reason, message = place.obstacle, _MESSAGES[place.obstacle]
     elif workers.slots_with_room == 0:
@@ -105,11 +92,9 @@ def _is_fine_before_update(job: OpenJob, other: OpenJob) -> bool:
     return job.kind is JobKind.FINE and other.kind is JobKind.UPDATE
 
 
-def _workers(session: Session, work: Work) -> Workers:
-    every = session.scalars(select(WorkerRow).where(is_alive())).all()
-    alive = [worker for worker in every if work in work_of(worker.work)]
+def _workers(session: Session) -> Workers:
+    alive = session.scalars(select(WorkerRow).where(is_alive())).all()
     return Workers(
-        others=len(every) > len(alive),
         slots=sum(worker.slots for worker in alive),
         slots_with_room=sum(worker.slots for worker in alive if not worker.disk_full),
     )

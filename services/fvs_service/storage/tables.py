@@ -133,7 +133,7 @@ class WorkerRow(Table):
     """A worker's last heartbeat; the worker is dead after ``expires_at_ms``. Times are the database's.
 
     ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes no jobs for lack of room;
-    ``work``: the kinds of work that it does; ``runner_bytes``: the resident memory of its runners.
+    ``runner_bytes``: the resident memory of its runners.
     """
 
     __tablename__ = "workers"
@@ -144,7 +144,6 @@ class WorkerRow(Table):
     slots: Mapped[int]
     disk_full: Mapped[bool]
     backend: Mapped[str] = mapped_column(String(16))
-    work: Mapped[str] = mapped_column(String(16))
     runner_bytes: Mapped[int] = mapped_column(BigInteger)
 
 

@@ -1,4 +1,4 @@
-"""Workers that do one kind of work: an update goes from one that registers images to one that trains."""
+"""What a job needs next: a runner may register an update's images and leave the training to another."""
 
 import socket
 import threading
@@ -17,7 +17,7 @@ from fvs_service.host.runner.image_files import PreparedImages
 from fvs_service.host.runner.job_monitor import JobMonitor
 from fvs_service.host.runner.request_queue import RequestQueue
 from fvs_service.host.runner.scene_jobs import SceneJobs
-from fvs_service.jobs.stages import Work, first_work, work_of
+from fvs_service.jobs.stages import Work, first_work
 from fvs_service.settings import WorkerSettings
 from fvs_service.storage.tables import JobRow
 from granted_scenes import GrantedScenes
@@ -31,11 +31,10 @@ from fvs_schema.jobs import JobKind, JobRequest
 from fvs_schema.stages import Stage
 
 
-def test_every_job_begins_with_work_that_some_worker_does() -> None:
-    assert {first_work(kind) for kind in JobKind} == set(Work)
-    assert work_of("all") == frozenset(Work)
-    for work in Work:
-        assert work_of(work.value) == {work}
+def test_only_a_fine_model_begins_with_training() -> None:
+    assert {kind: first_work(kind) for kind in JobKind if first_work(kind) is not Work.SFM} == {
+        JobKind.FINE: Work.TRAINING
+    }
 
 
 class Runner:
@@ -59,8 +58,8 @@ class Runner:
             connection.send({"result": JobFinished(outcome=None)})
 
 
-def test_a_worker_that_does_not_train_leaves_the_update_to_one_that_does(open_gateway: Any) -> None:
-    gateway = open_gateway(worker=WorkerSettings(work="sfm"))
+def test_an_update_whose_runner_only_registers_waits_for_its_training(open_gateway: Any) -> None:
+    gateway = open_gateway()
     storage, runner = gateway.application.storage, Runner()
     job = gateway.queue(gateway.scene())
     turns = GrantedScenes(gateway, runner.endpoint).turns()
@@ -68,13 +67,11 @@ def test_a_worker_that_does_not_train_leaves_the_update_to_one_that_does(open_ga
     assert turns.run(turn) is None  # it lacks nothing
     storage.queue.put_back(turn)
     runner.close()
-    assert runner.asked["trains"] is False
     with storage.database.reading() as session:
         assert session.get(JobRow, job).work == "training"
-    assert storage.queue.take("tester") is None
     waits = gateway.client.get(f"/v1/jobs/{job}").json()
     assert (waits["state"], waits["attempt"], waits["stage"]) == ("running", 1, "registration")
-    assert waits["waiting"]["reason"] == "no-worker"
+    assert storage.queue.take("tester") == turn
 
 
 @pytest.mark.parametrize(("every", "tested"), [(None, []), (4, ["0.png", "4.png"]), (9, []), (2, [])])

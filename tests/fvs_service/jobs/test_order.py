@@ -5,7 +5,6 @@ from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
 from fvs_service.jobs.order import OpenJob, Order
-from fvs_service.jobs.stages import Work
 from hypothesis import given
 from hypothesis import strategies as st
 
@@ -139,29 +138,6 @@ def test_frames_are_taken_whatever_waits_for_them() -> None:
     assert _names(_order([*waiting, queued])) == ["1", "2", "3"]
 
 
-def test_a_fine_model_lets_an_update_of_its_scene_go_first_that_waits_for_other_workers() -> None:
-    sfm, training = frozenset({Work.SFM}), frozenset({Work.TRAINING})
-    update = _job("update", "a", scene="s", waiting_since_ms=59_999)
-    fine = _job("fine", "a", FINE, scene="s", waiting_since_ms=50_000, work=Work.TRAINING)
-    other = _job("other", "a", FINE, waiting_since_ms=50_000, work=Work.TRAINING)
-    order = replace(_order([fine, update, other]), does=training)
-    assert {place.job.id: place.obstacle for place in order.line} == {"fine": WaitReason.SCENE, "other": None}
-    assert replace(order, does=sfm).next == update
-    starved = replace(fine, waiting_since_ms=0)
-    assert replace(_order([starved, update], now_ms=901_000), does=training).next == starved
-
-
-def test_a_fine_model_does_not_wait_for_an_update_that_no_worker_can_run() -> None:
-    training = frozenset({Work.TRAINING})
-    update = _job("update", "a", scene="s", waiting_since_ms=59_999)
-    fine = _job("fine", "a", FINE, scene="s", waiting_since_ms=50_000, work=Work.TRAINING)
-    order = replace(_order([fine, update]), does=training, workers_do=training)
-    assert order.next == fine
-    taken = replace(fine, worker_id="w", taken_at_ms=59_000)
-    assert not replace(order, jobs=[taken, update]).update_of_scene_waits(taken)
-    assert _order([taken, update]).update_of_scene_waits(taken)
-
-
 def _simulate(
     jobs: dict[str, OpenJob], work_ms: dict[str, int], slots: int, limit: int, until: str | None = None
 ) -> dict[str, int]:
@@ -220,14 +196,3 @@ def test_a_small_job_waits_for_one_turn_however_many_others_there_are() -> None:
     jobs["b"] = _job("b", "b")
     ended = _simulate(jobs, {name: 5_000 if name == "b" else 600_000 for name in jobs}, 1, 8, until="b")
     assert ended["b"] <= 1_000_000 + TURN_MS + 3 * 5_000
-
-
-def test_only_a_job_whose_worker_can_do_the_work_makes_room_for_it() -> None:
-    sfm, training = frozenset({Work.SFM}), frozenset({Work.TRAINING})
-    registers = _job("1", "a", worker_id="cpu", worker_does=sfm)
-    trains = _job("2", "a", worker_id="gpu", worker_does=training, work=Work.TRAINING, taken_at_ms=1)
-    waits = _job("3", "b", work=Work.TRAINING)
-    order = _order([registers, trains, waits])
-    assert [order.turn_ends(job) for job in (registers, trains)] == [False, True]
-    order = _order([registers, trains, replace(waits, work=Work.SFM)])
-    assert [order.turn_ends(job) for job in (registers, trains)] == [True, False]

@@ -8,7 +8,6 @@ from typing import Any
 import pytest
 from fvs_service.host.worker.heartbeat import Heartbeats
 from fvs_service.jobs.queue import JobQueue, take_job
-from fvs_service.jobs.stages import Work
 from fvs_service.storage.notifications import Topic
 from fvs_service.storage.tables import JobRow, WorkerRow
 from sqlalchemy import update
@@ -180,67 +179,3 @@ def test_a_waiting_job_estimates_when_it_has_its_turn(gateway: Any) -> None:
     assert _waiting(gateway, "a", second)["eta_s"] is None  # nothing has ended yet
     gateway.model(gateway.scene(headers), headers)
     assert 0 <= _waiting(gateway, "a", first)["eta_s"] <= _waiting(gateway, "a", second)["eta_s"] < 60
-
-
-def test_each_kind_of_work_has_a_queue_of_its_own(gateway: Any) -> None:
-    headers = gateway.key("a")
-    scene = gateway.scene(headers)
-    gateway.model(scene, headers)
-    fine = gateway.queue(scene, kind="fine", headers=headers)
-    (update,) = _jobs(gateway, "b", 1)
-    storage = gateway.application.storage
-    Heartbeats(storage.database, "cpu", 20).beat(work="sfm")
-    assert "that trains" in _waiting(gateway, "a", fine)["message"]
-    assert _waiting(gateway, "b", update)["reason"] == "queue"
-    cpu, gpu = (
-        JobQueue(storage.database, jobs_per_tenant=2, turn_s=30, does=frozenset({work}))
-        for work in (Work.SFM, Work.TRAINING)
-    )
-    turn = cpu.take("cpu")
-    assert turn is not None
-    assert turn.job_id == update
-    assert cpu.take("cpu") is None
-    trained = gpu.take("gpu")
-    assert trained is not None
-    assert trained.job_id == fine
-    assert gpu.take("gpu") is None
-
-    lease = gateway.lease(turn.scene_id, "cpu")
-    storage.ledger.start(lease, update, 1)
-    storage.ledger.needs(lease, update, Work.TRAINING)
-    cpu.put_back(turn)
-    assert cpu.take("cpu") is None
-    assert _waiting(gateway, "b", update)["reason"] == "no-worker"
-    Heartbeats(storage.database, "gpu", 20).beat(work="training")
-    assert _waiting(gateway, "b", update)["reason"] == "queue"
-    assert gpu.take("gpu") == replace(turn, worker_id="gpu")
-    storage.ledger.cancel(lease, update)
-    gateway.client.post(f"/v1/jobs/{update}:retry", headers=gateway.key("b"))
-    assert gpu.take("gpu") is None
-    again = cpu.take("cpu")
-    assert again is not None
-    assert (again.job_id, again.attempt) == (update, 2)
-    assert {worker["id"]: worker["work"] for worker in _workers(gateway, headers)} == {
-        "cpu": "sfm",
-        "gpu": "training",
-    }
-
-
-def test_a_fine_model_pauses_for_an_update_only_while_a_worker_lives_that_runs_it(gateway: Any) -> None:
-    headers, database = gateway.key("a"), gateway.application.storage.database
-    scene = gateway.scene(headers)
-    gateway.model(scene, headers)
-    fine = gateway.queue(scene, kind="fine", headers=headers)
-    gpu = JobQueue(database, jobs_per_tenant=2, turn_s=30, does=frozenset({Work.TRAINING}))
-    turn = gpu.take("gpu")
-    assert turn is not None
-    gateway.queue(scene, headers=headers)
-    assert not gpu.must_pause(fine, turn_may_end=True)
-    Heartbeats(database, "cpu", 20).beat(work="sfm")
-    assert gpu.must_pause(fine, turn_may_end=True)
-    gpu.put_back(turn)
-    assert gpu.take("gpu") is None  # it would pause again at once
-
-
-def _workers(gateway: Any, headers: Any) -> Any:
-    return gateway.client.get("/v1/capabilities", headers=headers).json()["workers"]

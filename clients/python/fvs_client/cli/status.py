@@ -55,5 +55,4 @@ def _worker(worker: WorkerStatus) -> str:
         return f"{worker.id} has been silent for {worker.heartbeat_age_s:.0f} s"
     room = ", its disk is full" if worker.disk_full else ""
     memory = f"{worker.runners} models loaded in {worker.runner_bytes / 1e6:,.0f} MB"
-    does = "" if worker.work == "all" else f", {worker.work} only"
-    return f"{worker.id} is alive ({worker.backend}{does}): {memory}{room}"
+    return f"{worker.id} is alive ({worker.backend}): {memory}{room}"

@@ -4046,7 +4046,7 @@ export interface components {
             slots: number;
             /** @description It takes no jobs until there is room. */
             disk_full: boolean;
-            /** @description What it does: `sfm`, `training`, or `all`. */
+            /** @description Deprecated: always `all`. Default: `all`. */
             work: string;
             /** @description Scenes whose model is loaded. */
             runners: number;

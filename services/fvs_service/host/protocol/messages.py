@@ -36,10 +36,14 @@ from fvs_service.settings import Settings
 
 
 class RunnerOrder(Record):
-    """The first line of a runner's standard input: its scene, its parent's process id, the settings."""
+    """The first line of a runner's standard input: its scene, its parent's process id, the settings.
+
+    It listens at ``address``, a host name or IP address of its machine.
+    """
 
     scene_id: str
     parent: int
+    address: str = "127.0.0.1"
     settings: Settings
 
 

@@ -46,11 +46,9 @@ def main() -> None:
         from fvs_service.host.runner.server import RunnerServer
 
         secret = secrets.token_urlsafe(24)
-        server = RunnerServer(order.scene_id, folder, order.settings, secret)
+        server = RunnerServer(order.scene_id, folder, order.settings, order.address, secret)
         _, port = server.address
-        started = RunnerStarted(
-            endpoint=f"{order.settings.worker.address}:{port}/{secret}", backend=server.backend
-        )
+        started = RunnerStarted(endpoint=f"{order.address}:{port}/{secret}", backend=server.backend)
         endpoint.write(started.model_dump_json() + "\n")
         endpoint.flush()
         server.serve()

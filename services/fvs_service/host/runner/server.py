@@ -70,7 +70,7 @@ _FINAL = frozenset({"invalid-input", "no-images", "output-exists", "backend-unav
 class RunnerServer:
     """Serves requests about one scene until one of them is ``YieldScene``."""
 
-    def __init__(self, scene_id: str, folder: Path, settings: Settings, secret: str) -> None:
+    def __init__(self, scene_id: str, folder: Path, settings: Settings, address: str, secret: str) -> None:
         self._root = settings.root
         blobs = Blobs(settings.root.absolute() / "blobs", settings.blobs)
         self._rasterizer = create_rasterizer(settings.worker.backend)
@@ -87,7 +87,7 @@ class RunnerServer:
         self._worker: Connection | None = None
         self._yielded = threading.Event()
         self._used = time.monotonic()
-        self._listener = Listener(settings.worker.address, secret, self._serve_connection)
+        self._listener = Listener(address, secret, self._serve_connection)
 
     @property
     def backend(self) -> str:

@@ -32,7 +32,6 @@ from fvs_service.images.files import reason_of
 from fvs_service.images.repository import usable_images
 from fvs_service.jobs.ledger import Ledger
 from fvs_service.jobs.repository import images_milestone
-from fvs_service.jobs.stages import Work, work_of
 from fvs_service.jobs.timing import TIMING, past_timings
 from fvs_service.scenes.lease import Lease
 from fvs_service.scenes.repository import control_points_of, find_scene, set_working_bytes
@@ -125,7 +124,6 @@ class Attempts:
             origin=scene.origin,
             control=control,
             snapshot_id=scene.snapshot_id,
-            trains=Work.TRAINING in work_of(self._storage.settings.worker.work),
         )
         progress = self._progress(job, images, first=scene.snapshot_id is None)
         with StageSpans(self._storage.tracing) as spans:

@@ -52,19 +52,17 @@ class Heartbeats:
         slots: int = 1,
         disk_full: bool = False,
         backend: str = "auto",
-        work: str = "all",
         runner_bytes: int = 0,
     ) -> Heartbeat:
         """Record that this worker is alive, and claim the dead ones unless it was silent for as long itself.
 
         ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes none for lack of room;
-        ``work``: the kinds of work that it does; ``runner_bytes``: the resident memory of its runners.
+        ``runner_bytes``: the resident memory of its runners.
         """
         state = {
             "slots": slots,
             "disk_full": disk_full,
             "backend": backend,
-            "work": work,
             "runner_bytes": runner_bytes,
             "beaten_at_ms": now_ms(),
             "expires_at_ms": now_ms() + self._duration_ms,

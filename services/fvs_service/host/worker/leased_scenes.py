@@ -59,11 +59,15 @@ class LeasedScene:
 
 
 class LeasedScenes:
-    """Leases scenes for jobs and for rankings; safe to use from any thread."""
+    """Leases scenes for jobs and for rankings; safe to use from any thread.
 
-    def __init__(self, storage: Storage, worker_id: str) -> None:
+    Their runners listen at ``address``, a host name or IP address of this machine.
+    """
+
+    def __init__(self, storage: Storage, worker_id: str, address: str = "127.0.0.1") -> None:
         self._storage = storage
         self._worker_id = worker_id
+        self._address = address
         self._budget = MemoryBudget(memory_limit_bytes(storage.settings.worker), self._unload_longest_idle)
         self._spawner = ThreadPoolExecutor(1, thread_name_prefix="spawner")
         self._lock = threading.Lock()
@@ -231,6 +235,7 @@ class LeasedScenes:
                 self._storage.settings,
                 self._spawner,
                 lambda: self._stopping.is_set() or starting.lost(),
+                self._address,
             )
         except RunnerGoneError:
             self._storage.leases.release(lease)

@@ -47,7 +47,6 @@ def run_worker(storage: Storage, worker_id: str, beat: Callable[[], None]) -> No
     heartbeats.beat(
         slots=settings.worker.jobs_at_once,
         backend=settings.worker.backend,
-        work=settings.worker.work,
     )
     file = settings.heartbeats / worker_id
     touch_heartbeat(file)
@@ -93,7 +92,6 @@ def _maintain(storage: Storage, heartbeats: Heartbeats, room: Room, scenes: Leas
             slots=storage.settings.worker.jobs_at_once,
             disk_full=room.short,
             backend=scenes.backend,
-            work=storage.settings.worker.work,
             runner_bytes=scenes.resident_bytes,
         )
         if not heartbeat.known:

@@ -37,19 +37,24 @@ _LOG_BYTES = 10_000_000
 class RunnerChild:
     """Starts a runner and waits for its endpoint; raises ``RunnerGoneError`` when it dies before.
 
-    ``spawner`` is the one thread that starts children: the kernel kills a child when the thread that made it
-    ends.
+    It listens at ``address``. ``spawner`` is the one thread that starts children: the kernel kills a child
+    when the thread that made it ends.
     """
 
     def __init__(
-        self, scene_id: str, settings: Settings, spawner: ThreadPoolExecutor, give_up: Callable[[], bool]
+        self,
+        scene_id: str,
+        settings: Settings,
+        spawner: ThreadPoolExecutor,
+        give_up: Callable[[], bool],
+        address: str,
     ) -> None:
         folder = settings.scenes / scene_id
         folder.mkdir(parents=True, exist_ok=True)
         self.scene_id = scene_id
         self._writing = threading.Lock()
         self._unanswered = 0
-        order = RunnerOrder(scene_id=scene_id, parent=os.getpid(), settings=settings)
+        order = RunnerOrder(scene_id=scene_id, parent=os.getpid(), address=address, settings=settings)
         self._process = spawner.submit(_spawn, folder / "runner.log", order).result()
         started = self._wait_until_started(give_up)
         self.endpoint = started.endpoint

@@ -30,7 +30,6 @@ def _create_tables_of_the_service() -> None:
         sa.Column("slots", sa.Integer(), nullable=False),
         sa.Column("disk_full", sa.Boolean(), nullable=False),
         sa.Column("backend", sa.String(16), nullable=False),
-        sa.Column("work", sa.String(16), nullable=False),
         sa.Column("runner_bytes", sa.BigInteger(), nullable=False),
     )
     op.create_table(
