@@ -63,7 +63,7 @@ class WorkerSettings(Record):
     """The share of the machine that workers use, and the defaults of jobs."""
 
     count: _Processes = 1
-    """Number of workers (``--workers``). They share one GPU; further GPUs need an ``fvs serve`` each."""
+    """Number of workers (``--workers``). They share one GPU."""
     jobs_at_once: _Processes = 1
     """Maximum number of jobs that one worker runs at once."""
     turn_s: _Seconds = 30.0
@@ -283,11 +283,6 @@ class Settings(BaseSettings):
     def blobs_folder(self) -> Path:
         """The folder of the blobs, unless they are in an object store."""
         return self.root / "blobs"
-
-    @property
-    def heartbeats(self) -> Path:
-        """The folder with a file per worker, whose time is that of the worker's last heartbeat."""
-        return self.root / "heartbeats"
 
     @property
     def uploads(self) -> Path:

@@ -75,7 +75,7 @@ def troubles(storage: Storage) -> Iterator[Trouble]:
         if not worker.alive:
             yield Trouble(
                 f"Worker {worker.id} has sent no heartbeat for {worker.heartbeat_age_s:.0f} s.",
-                "Its machine may be down or cut off from the database; others take its jobs.",
+                "Look at the log of its fvs serve, which restarts a worker that is silent for three minutes.",
             )
         elif worker.disk_full:
             yield Trouble(f"Worker {worker.id} takes no jobs: its disk is full.", "Free some space there.")

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 
-from sqlalchemy import func, or_, select, update
+from sqlalchemy import or_, select, update
 
 from fvs_engine.errors import OutputExistsError, StorageError
 from fvs_engine.files.lock import locked_folder
@@ -14,7 +14,6 @@ from fvs_schema.images import Verdict
 from fvs_service.application import Storage
 from fvs_service.deletion import rows
 from fvs_service.images.files import blob_key
-from fvs_service.jobs.repository import OPEN
 from fvs_service.settings import Settings
 from fvs_service.storage.blob_keys import artifact_key, manifest_key
 from fvs_service.storage.blobs import Blobs
@@ -22,12 +21,10 @@ from fvs_service.storage.clock import now
 from fvs_service.storage.removals import has_row
 from fvs_service.storage.tables import (
     ImageRow,
-    JobRow,
     RemovalRow,
     SceneRow,
     SnapshotArtifactRow,
     SnapshotRow,
-    WorkerRow,
     frames_not_taken,
 )
 
@@ -57,7 +54,6 @@ def examine(storage: Storage, grace: timedelta) -> Iterator[Finding]:
     yield from snapshots_without_blobs(storage)
     yield from folders_of_no_scene(storage, before)
     yield from abandoned_uploads(storage.settings, before)
-    yield from jobs_of_no_worker(storage)
 
 
 def examine_without_database(settings: Settings, grace: timedelta) -> Iterator[Finding]:
@@ -66,22 +62,6 @@ def examine_without_database(settings: Settings, grace: timedelta) -> Iterator[F
     if settings.blobs.url is None:
         yield from unfinished_blobs(Blobs(settings.blobs_folder), before)
     yield from abandoned_uploads(settings, before)
-
-
-def jobs_of_no_worker(storage: Storage) -> Iterator[Finding]:
-    """Unfinished jobs of workers that are no longer registered."""
-    query = select(JobRow.worker_id, func.count()).where(
-        JobRow.worker_id.is_not(None), JobRow.worker_id.not_in(select(WorkerRow.id)), JobRow.state.in_(OPEN)
-    )
-    with storage.database.reading() as session:
-        lost = session.execute(query.group_by(JobRow.worker_id)).all()
-    for worker_id, number in lost:
-        yield Finding(
-            "jobs of no worker",
-            f"{number} of {worker_id}",
-            "let them wait for another",
-            lambda worker_id=worker_id: storage.queue.put_back_all(worker_id),  # type: ignore[misc]
-        )
 
 
 def blobs_without_rows(storage: Storage, before: datetime) -> Iterator[Finding]:

@@ -15,10 +15,7 @@ HEARTBEAT_S = 4.0
 """How often a worker sends a heartbeat."""
 _SILENT_S = 3 * HEARTBEAT_S
 """A worker without a heartbeat for this long is reported as not alive, and nothing is expected of it.
-It may only be frozen, so it keeps its jobs."""
-MISSED_LEASES = 3
-"""Number of lease durations without a heartbeat after which a worker is dead and others take over its jobs:
-its supervisor would have restarted it long before."""
+It keeps its jobs: its supervisor restarts it."""
 
 
 def is_alive() -> ColumnElement[bool]:

@@ -1,12 +1,12 @@
 """The queue of jobs: their rows in the database, from which workers take them in the fair order.
 
-A job belongs to the worker in its row until that worker puts it back, or until it is put back for a worker
-that died. When workers take a job at the same time, one changes the row, and the others look again.
+A job belongs to the worker in its row until that worker puts it back; a worker that is restarted resumes it.
+When workers take a job at the same time, one changes the row, and the others look again.
 """
 
-from collections.abc import Iterable
+from collections.abc import Collection, Iterable
 
-from sqlalchemy import ColumnElement, func, select, update
+from sqlalchemy import ColumnElement, delete, func, select, update
 from sqlalchemy.exc import IntegrityError
 from sqlalchemy.orm import Session
 
@@ -16,7 +16,7 @@ from fvs_service.jobs.repository import OPEN
 from fvs_service.jobs.states import Move, Mover, Turn, move
 from fvs_service.storage.clock import now_ms
 from fvs_service.storage.database import Database
-from fvs_service.storage.tables import JobRow, TenantRow
+from fvs_service.storage.tables import JobRow, TenantRow, WorkerRow
 
 _TRY_AGAIN_MS = 5_000
 _LOOKS = 8
@@ -60,11 +60,16 @@ class JobQueue:
         with self._database.writing() as session:
             move(session, Move.PUT_BACK, Mover.WORKER, *_is_of(turn), **_lacks(obstacle))
 
-    def put_back_all(self, worker_id: str) -> int:
-        """End the turns of a worker that died; returns their number."""
+    def keep_workers(self, worker_ids: Collection[str]) -> int:
+        """End the turns of all workers but these, which no longer exist, and forget them.
+
+        Returns the number of turns.
+        """
+        others = JobRow.worker_id.not_in(worker_ids)
         with self._database.writing() as session:
-            lost = move(session, Move.PUT_BACK, Mover.REAPER, JobRow.worker_id == worker_id, **_lacks(None))
-        return len(lost)
+            ended = move(session, Move.PUT_BACK, Mover.SUPERVISOR, others, **_lacks(None))
+            session.execute(delete(WorkerRow).where(WorkerRow.id.not_in(worker_ids)))
+        return len(ended)
 
     def has(self, turn: Turn) -> bool:
         """Whether the turn has not ended."""

@@ -26,10 +26,9 @@ After a process has died, a worker starts a running job again: it stays running.
 
 While it is queued or running, it waits for a turn or is in one:
 
-    waits ── take: worker ──▶ in a turn ── put back: worker, or reaper for one that died ──▶ waits
+    waits ── take: worker ──▶ in a turn ── put back: worker, or supervisor ──▶ waits
 
-A worker starts and ends a job by the lease of its scene, whose token fences each of these moves (``Ledger``):
-it may do so also when others think that it is dead.
+A worker starts and ends a job by the lease of its scene, whose token fences each of these moves (``Ledger``).
 """
 
 from collections.abc import Mapping
@@ -75,12 +74,12 @@ class Turn:
 
 
 class Mover(Enum):
-    """Who moves jobs: clients, the worker that has them, and, where a worker died, who finds that out."""
+    """Who moves jobs: clients, the worker that has them, and the supervisor of the workers."""
 
     CLIENT = "client"
     WORKER = "worker"
-    REAPER = "reaper"
-    """Another worker, or the doctor."""
+    SUPERVISOR = "supervisor"
+    """For a worker that no longer exists."""
 
 
 class Status(NamedTuple):
@@ -112,7 +111,7 @@ class Move(Enum):
     """What changes a job's state, or its turn."""
 
     TAKE = _Rule({Mover.WORKER: _WAITS}, None, True)
-    PUT_BACK = _Rule({Mover.WORKER: _IN_TURN, Mover.REAPER: _IN_TURN}, None, False)
+    PUT_BACK = _Rule({Mover.WORKER: _IN_TURN, Mover.SUPERVISOR: _IN_TURN}, None, False)
     START = _Rule({Mover.WORKER: _QUEUED}, JobState.RUNNING, True, EventKind.JOB_STARTED)
     START_AGAIN = _Rule({Mover.WORKER: _RUNNING}, JobState.RUNNING, None)
     SUCCEED = _Rule({Mover.WORKER: _RUNNING}, JobState.SUCCEEDED, False, EventKind.JOB_SUCCEEDED)

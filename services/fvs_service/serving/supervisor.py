@@ -2,9 +2,6 @@
 
 import contextlib
 import os
-import re
-import secrets
-import socket
 import subprocess
 import time
 from collections.abc import Callable, Iterator, Mapping
@@ -17,7 +14,6 @@ import structlog
 
 from fvs_engine import child_process
 from fvs_engine.errors import OutputExistsError
-from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.files.lock import locked_folder
 from fvs_engine.files.storage import storage_errors
 from fvs_service.application import Storage, open_storage
@@ -31,7 +27,7 @@ from fvs_service.events.repository import skip_lost_numbers
 from fvs_service.gateway.addresses import Addresses
 from fvs_service.gateway.certificates import require_certificates
 from fvs_service.gateway.protection import require_protection
-from fvs_service.host.worker.heartbeat import forget_heartbeats
+from fvs_service.host.worker.heartbeat import require_no_workers
 from fvs_service.serving.process_order import GATEWAY, WORKER, ProcessOrder
 from fvs_service.serving.process_tree import adopt_orphans, end_descendants, reap_adopted
 from fvs_service.serving.pulse import Pulse
@@ -50,8 +46,6 @@ _QUICK_S = 5.0
 _FIRST_PAUSE_S, _LAST_PAUSE_S = 0.2, 10.0
 _SILENT_S = {GATEWAY: 60.0, WORKER: 180.0}
 """Silence after which a process is killed and restarted; a worker may be waiting for its database."""
-
-_MACHINE_FILE = "machine"
 
 _log = structlog.get_logger()
 
@@ -88,16 +82,18 @@ class Supervisor:
         self._log_json = log_json
         self._role = role
         self._gateway = _Child("gateway", GATEWAY)
-        self._workers: list[_Child] = []
+        self._workers = [_Child(f"worker-{number}", WORKER) for number in range(settings.worker.count)]
+        if role is Role.GATEWAY:
+            self._workers = []
 
     def run(self, announce: Callable[[str], object]) -> None:
         """Start all processes, call ``announce`` with the gateway's URLs, and supervise until a signal.
 
         Raises ``InvalidInputError`` when a file for TLS cannot be used,
         ``ForbiddenError`` when requests need an API key and there is no valid one,
-        ``ConflictError`` when another service runs on the root, ``StorageError`` when the root cannot be
-        written, ``UnavailableError`` when the gateway does not start, the database cannot be reached, or the
-        blob store refuses, or belongs to another database.
+        ``ConflictError`` when another service runs on the root, or has workers on the database,
+        ``StorageError`` when the root cannot be written, ``UnavailableError`` when the gateway does not
+        start, the database cannot be reached, or the blob store refuses, or belongs to another database.
         """
         if self._role is not Role.WORKER:
             require_certificates(self._settings)
@@ -106,6 +102,8 @@ class Supervisor:
             adopt_orphans()
             with open_storage(self._settings) as storage:  # the processes meet a database that is migrated
                 _require_blobs(storage)
+                if self._workers:
+                    self._take_over(storage)
                 with storage.database.writing() as session:
                     skip_lost_numbers(session)
             try:
@@ -115,8 +113,8 @@ class Supervisor:
                         return
                     announce(addresses.url)
                     announce(addresses.rpc_url or "without gRPC")
-                if self._role is not Role.GATEWAY:
-                    self._start_workers()
+                for worker in self._workers:
+                    self._start(worker)
                 while not self._signals.wait(self._until_next_start_s()):
                     for child in self._children():
                         self._restart_if_dead(child)
@@ -125,13 +123,13 @@ class Supervisor:
             finally:
                 self._stop_all()
 
-    def _start_workers(self) -> None:
-        settings = self._settings
-        machine = "worker" if settings.on_one_machine else _machine_name(settings.root)
-        self._workers = [_Child(f"{machine}-{number}", WORKER) for number in range(settings.worker.count)]
-        forget_heartbeats(settings.heartbeats)
-        for worker in self._workers:
-            self._start(worker)
+    def _take_over(self, storage: Storage) -> None:
+        """Take the jobs from workers of earlier starts that are not started now."""
+        if not self._settings.on_one_machine:  # else the lock on the root keeps another service away
+            require_no_workers(storage.database)
+        put_back = storage.queue.keep_workers([worker.name for worker in self._workers])
+        if put_back:
+            _log.info("jobs of former workers wait", jobs=put_back)
 
     def _children(self) -> tuple[_Child, ...]:
         gateways = () if self._role is Role.WORKER else (self._gateway,)
@@ -261,19 +259,3 @@ def _only_service_in(root: Path) -> Iterator[None]:
                 f"Another fvs serve runs on {root}.", hint="Use that one, or choose another --root."
             ) from error
         yield
-
-
-def _machine_name(root: Path) -> str:
-    """The name of this machine among those that share a database: the same after every restart.
-
-    It is stored in ``root``, generated on first use from the host name and a random suffix.
-    Two machines with one name would take each other's leases, hence the suffix. The name stays when the
-    host name changes.
-    """
-    file = root / _MACHINE_FILE
-    try:
-        return file.read_text(encoding="utf-8").strip()
-    except FileNotFoundError:
-        host = re.sub("[^a-z0-9-]", "-", socket.gethostname().partition(".")[0].lower())[:40]
-        write_text_atomically(file, f"{host}-{secrets.token_hex(2)}")
-        return _machine_name(root)

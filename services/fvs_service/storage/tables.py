@@ -130,7 +130,7 @@ class SceneLeaseRow(Table):
 
 
 class WorkerRow(Table):
-    """A worker's last heartbeat; the worker is dead after ``expires_at_ms``. Times are the database's.
+    """A worker's last heartbeat, by the database's clock.
 
     ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes no jobs for lack of room;
     ``runner_bytes``: the resident memory of its runners.
@@ -140,7 +140,6 @@ class WorkerRow(Table):
 
     id: Mapped[str] = mapped_column(String(128), primary_key=True)
     beaten_at_ms: Mapped[int] = mapped_column(BigInteger)
-    expires_at_ms: Mapped[int] = mapped_column(BigInteger)
     slots: Mapped[int]
     disk_full: Mapped[bool]
     backend: Mapped[str] = mapped_column(String(16))

@@ -200,8 +200,8 @@ def _kill_again_and_again(root: Path, kills: int, seed: int) -> None:
 
 
 def _is_due(kind: str) -> bool:
-    """Kinds that the next sweep ends, or the next worker."""
-    return kind in {"half deletion", "jobs of no worker", "unfinished write"}
+    """Kinds that the next sweep ends."""
+    return kind in {"half deletion", "unfinished write"}
 
 
 def test_nothing_is_half_there_whenever_a_process_is_killed(tmp_path: Path) -> None:

@@ -20,7 +20,7 @@ from fvs_service.settings import Settings
 from fvs_service.storage.blobs import Blobs
 from fvs_service.storage.clock import now
 from fvs_service.storage.owner import OWNER_KEY, claim_store
-from fvs_service.storage.tables import ImageRow, JobRow, RemovalRow, WorkerRow
+from fvs_service.storage.tables import ImageRow, RemovalRow, WorkerRow
 from sqlalchemy import delete, update
 from typer import Typer
 from typer.testing import CliRunner
@@ -84,8 +84,6 @@ def test_every_orphan_is_found_and_repaired(gateway: Any) -> None:
     (gateway.settings.root / "blobs" / ".0.partial").write_bytes(b"half")
     (gateway.settings.scenes / "scn_none").mkdir()
     (gateway.settings.uploads / "1.part").write_bytes(b"half")
-    with storage.database.writing() as session:
-        session.execute(update(JobRow).where(JobRow.state == "queued").values(worker_id="worker-9"))
     deleted = gateway.scene()
     gateway.client.delete(f"/v1/scenes/{deleted}")
     found = [
@@ -94,11 +92,10 @@ def test_every_orphan_is_found_and_repaired(gateway: Any) -> None:
         "unfinished write",
         "working folder of no scene",
         "abandoned upload",
-        "jobs of no worker",
     ]
     time.sleep(0.05)
     assert _kinds(gateway) == found
-    assert _kinds(gateway, timedelta(hours=1)) == ["jobs of no worker"], "new ones may be in progress"
+    assert _kinds(gateway, timedelta(hours=1)) == [], "new ones may be in progress"
     _repair(gateway)
     assert _kinds(gateway) == []
     assert gateway.client.get(f"/v1/scenes/{scene}").status_code == 200
@@ -175,7 +172,7 @@ def test_the_command_says_what_it_finds_and_mends_only_when_asked(gateway: Any) 
 
 def test_a_deployment_that_works_has_no_troubles(open_gateway: Callable[..., Any]) -> None:
     storage = open_gateway().application.storage
-    Heartbeats(storage.database, "worker-0", 20).beat()
+    Heartbeats(storage.database, "worker-0").beat()
     assert list(troubles(storage)) == []
 
 
@@ -183,8 +180,8 @@ def test_the_doctor_says_what_is_wrong_with_a_deployment(
     open_gateway: Callable[..., Any], monkeypatch: pytest.MonkeyPatch
 ) -> None:
     storage = open_gateway().application.storage
-    Heartbeats(storage.database, "worker-0", 20).beat(disk_full=True)
-    Heartbeats(storage.database, "worker-1", 20).beat()
+    Heartbeats(storage.database, "worker-0").beat(disk_full=True)
+    Heartbeats(storage.database, "worker-1").beat()
     with storage.database.writing() as session:
         session.execute(update(WorkerRow).where(WorkerRow.id == "worker-1").values(beaten_at_ms=0))
     ten_minutes_later = time.time() + 600
@@ -256,7 +253,7 @@ def test_the_doctor_names_a_folder_of_gpu_memory_that_another_user_has_made(
     open_gateway: Callable[..., Any], monkeypatch: pytest.MonkeyPatch, tmp_path: Path
 ) -> None:
     storage = open_gateway().application.storage
-    Heartbeats(storage.database, "worker-0", 20).beat()
+    Heartbeats(storage.database, "worker-0").beat()
     (tmp_path / "fvs-gpu-memory").symlink_to(tmp_path)
     monkeypatch.setenv("XDG_RUNTIME_DIR", str(tmp_path))
     (trouble,) = troubles(storage)
@@ -280,7 +277,7 @@ def test_a_deployment_whose_storage_is_elsewhere_needs_the_root_named(
 
 def test_the_doctor_says_who_may_get_in(open_gateway: Callable[..., Any]) -> None:
     storage = open_gateway().application.storage
-    Heartbeats(storage.database, "worker-0", 20).beat()
+    Heartbeats(storage.database, "worker-0").beat()
 
     def found(**changed: Any) -> tuple[str, ...]:
         settings = storage.settings.model_copy(update=changed)

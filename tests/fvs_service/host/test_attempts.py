@@ -120,7 +120,7 @@ def test_a_job_that_is_canceled_after_its_worker_died_needs_no_runner(gateway: A
     gateway.client.post(f"/v1/jobs/{job}:cancel")
     storage.leases.release(dead)
     scenes = GrantedScenes(gateway, None)
-    storage.queue.put_back_all("dead")
+    storage.queue.keep_workers(())
     scenes.turns().run(gateway.take(job))
     assert scenes.started == 0
     assert gateway.client.get(f"/v1/jobs/{job}").json()["state"] == "canceled"

@@ -1,11 +1,14 @@
+import threading
+import time
 from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
-from fvs_service.host.worker.heartbeat import Heartbeats
+from fvs_service.errors import ConflictError
+from fvs_service.host.worker import heartbeat
+from fvs_service.host.worker.heartbeat import Heartbeats, require_no_workers
+from fvs_service.jobs.fleet import workers_of
 from fvs_service.storage.database import Database
-from fvs_service.storage.tables import WorkerRow
-from sqlalchemy import update
 
 
 @pytest.fixture
@@ -16,60 +19,47 @@ def database(tmp_path: Path) -> Iterator[Database]:
     database.close()
 
 
-def _much_later(database: Database) -> None:
-    """Expire all heartbeats."""
-    with database.writing() as session:
-        session.execute(update(WorkerRow).values(expires_at_ms=0))
+@pytest.fixture(autouse=True)
+def quick(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(heartbeat, "_WATCH_S", 0.5)
+    monkeypatch.setattr(heartbeat, "_LOOK_S", 0.01)
 
 
-class _Worker(Heartbeats):
-    """A worker with a clock of its own, that has sent its first heartbeat."""
-
-    def __init__(self, database: Database, worker_id: str) -> None:
-        self.time_s = 0.0
-        super().__init__(database, worker_id, lease_s=600, clock=lambda: self.time_s)
-        self.beat()
-
-
-def test_a_worker_without_heartbeats_is_claimed_by_one_other(database: Database) -> None:
-    old, new = _Worker(database, "old"), _Worker(database, "new")
-    assert new.beat().dead == ()
-    _much_later(database)
-    assert new.beat().dead == ("old",)
-    assert new.beat().dead == ()
-    _much_later(database)
-    assert old.beat().dead == ("new",)  # nobody claims itself
+def test_a_heartbeat_renews_the_row_until_the_worker_ends(database: Database) -> None:
+    worker = Heartbeats(database, "worker-0")
+    worker.beat()
+    worker.beat(slots=2, disk_full=True, backend="cpu", runner_bytes=7)
+    with database.reading() as session:
+        (status,) = workers_of(session)
+    assert (status.id, status.alive, status.slots, status.disk_full) == ("worker-0", True, 2, True)
+    assert (status.backend, status.runner_bytes) == ("cpu", 7)
+    worker.end()
+    with database.reading() as session:
+        assert workers_of(session) == ()
 
 
-def test_a_dead_worker_is_claimed_again_when_its_claimant_dies(database: Database) -> None:
-    first, second = _Worker(database, "first"), _Worker(database, "second")
-    _Worker(database, "old")
-    second.beat()
-    with database.writing() as session:
-        session.execute(update(WorkerRow).where(WorkerRow.id == "old").values(expires_at_ms=0))
-    assert first.beat().dead == ("old",)
-    _much_later(database)
-    assert set(second.beat().dead) == {"first", "old"}
-    second.forget("first")
-    second.forget("old")
-    _much_later(database)
-    assert second.beat().dead == ()
+def test_after_a_clean_stop_nobody_waits(database: Database) -> None:
+    worker = Heartbeats(database, "worker-0")
+    worker.beat()
+    worker.end()
+    began = time.monotonic()
+    require_no_workers(database)
+    assert time.monotonic() - began < 0.5
 
 
-def test_a_worker_that_was_silent_itself_claims_nobody(database: Database) -> None:
-    silent = _Worker(database, "silent")
-    _Worker(database, "other")
-    _much_later(database)
-    silent.time_s += 3 * 600 + 1
-    assert silent.beat().dead == ()  # the database may have been away, and the other is about to beat
-    assert silent.beat().dead == ("other",)
+def test_a_worker_that_was_killed_a_moment_ago_is_none_of_another_service(database: Database) -> None:
+    Heartbeats(database, "worker-0").beat()
+    began = time.monotonic()
+    require_no_workers(database)
+    assert time.monotonic() - began >= 0.5
 
 
-def test_a_worker_that_was_taken_for_dead_learns_of_it(database: Database) -> None:
-    old, new = Heartbeats(database, "old", lease_s=600), _Worker(database, "new")
-    assert not old.beat().known
-    assert old.beat().known
-    _much_later(database)
-    assert new.beat().dead == ("old",)
-    new.forget("old")
-    assert not old.beat().known
+@pytest.mark.parametrize("others", ["worker-0", "worker-1"])
+def test_a_heartbeat_of_another_service_is_noticed(others: str, database: Database) -> None:
+    """Also that of a worker that was not there when the watch began."""
+    Heartbeats(database, "worker-0").beat()
+    beats = threading.Timer(0.1, Heartbeats(database, others).beat)
+    beats.start()
+    with pytest.raises(ConflictError, match="Another fvs serve runs workers"):
+        require_no_workers(database)
+    beats.join()

@@ -119,7 +119,7 @@ def worker(gateway: Any, runner: CountingRunner) -> Iterator[Callable[[], None]]
         poll_s=0.02,
         has_room=lambda: not room.short,
     )
-    Heartbeats(storage.database, _WORKER, 20).beat()
+    Heartbeats(storage.database, _WORKER).beat()
     yield dispatcher.start
     runner.endless.clear()
     dispatcher.stop()

@@ -20,8 +20,8 @@ def fleet(open_gateway: Any) -> Any:
     """A gateway with a worker that lives and one that fell silent 30 s ago."""
     gateway = open_gateway()
     database = gateway.application.storage.database
-    Heartbeats(database, "worker-0", gateway.settings.lease_s).beat(backend="cpu", runner_bytes=7_000)
-    Heartbeats(database, "worker-1", gateway.settings.lease_s).beat()
+    Heartbeats(database, "worker-0").beat(backend="cpu", runner_bytes=7_000)
+    Heartbeats(database, "worker-1").beat()
     with database.writing() as session:
         row = session.get(WorkerRow, "worker-1")
         assert row is not None

@@ -7,6 +7,7 @@ from typing import Any
 
 import pytest
 from fvs_service.host.worker.heartbeat import Heartbeats
+from fvs_service.jobs.fleet import workers_of
 from fvs_service.jobs.queue import JobQueue, take_job
 from fvs_service.storage.notifications import Topic
 from fvs_service.storage.tables import JobRow, WorkerRow
@@ -79,7 +80,7 @@ def test_what_lets_a_job_have_its_turn_wakes_the_workers(gateway: Any) -> None:
     assert turn is not None
     assert wakes(lambda: queue.put_back(turn))
     assert queue.take("worker-0") == turn
-    assert wakes(lambda: queue.put_back_all("worker-0"))
+    assert wakes(lambda: queue.keep_workers(()))
     path = f"/v1/jobs/{turn.job_id}"
     assert wakes(lambda: gateway.client.post(f"{path}:cancel", headers=headers))
     assert wakes(lambda: gateway.client.post(f"{path}:retry", headers=headers))
@@ -105,23 +106,30 @@ def test_workers_that_look_at_once_never_get_the_same_job(gateway: Any) -> None:
     assert sorted(found) == sorted(wanted)
 
 
-def test_the_jobs_of_a_dead_worker_wait_again(gateway: Any) -> None:
-    (job,) = _jobs(gateway, "a", 1)
-    queue = _queue(gateway)
-    turn = queue.take("dead")
+def test_the_jobs_of_workers_that_no_longer_exist_wait_again(gateway: Any) -> None:
+    (job,), (other,) = _jobs(gateway, "a", 1), _jobs(gateway, "b", 1)
+    queue, database = _queue(gateway), gateway.application.storage.database
+    for number in range(3):
+        Heartbeats(database, f"worker-{number}").beat()
+    turn, kept = queue.take("worker-1"), queue.take("worker-0")
     assert turn is not None
-    assert queue.put_back_all("dead") == 1
+    assert kept is not None
+    assert (turn.job_id, kept.job_id) == (job, other)
+    assert queue.keep_workers(["worker-0", "worker-3"]) == 1
+    with database.reading() as session:
+        assert [worker.id for worker in workers_of(session)] == ["worker-0"]
+    assert queue.taken_by("worker-0") == (kept,)
     assert not queue.has(turn)
-    again = queue.take("alive")
-    assert again == replace(turn, worker_id="alive")
+    again = queue.take("worker-0")
+    assert again == replace(turn, worker_id="worker-0")
     assert queue.has(again)
-    assert again.job_id == job
+    assert queue.keep_workers(["worker-0"]) == 0
 
 
 def test_a_job_that_lacks_something_is_not_taken_at_once_again(gateway: Any) -> None:
     (job,) = _jobs(gateway, "a", 1)
     queue = _queue(gateway)
-    Heartbeats(gateway.application.storage.database, "worker-0", 20).beat(slots=1)
+    Heartbeats(gateway.application.storage.database, "worker-0").beat(slots=1)
     turn = queue.take("worker-0")
     assert turn is not None
     assert _waiting(gateway, "a", job) is None
@@ -137,7 +145,7 @@ def test_a_job_that_lacks_something_is_not_taken_at_once_again(gateway: Any) -> 
 def test_waiting_jobs_say_their_place_and_reason(gateway: Any) -> None:
     a, b = _jobs(gateway, "a", 3), _jobs(gateway, "b", 1)
     assert _waiting(gateway, "b", b[0])["reason"] == "no-worker"
-    heartbeats = Heartbeats(gateway.application.storage.database, "worker-0", 20)
+    heartbeats = Heartbeats(gateway.application.storage.database, "worker-0")
     heartbeats.beat(slots=1)
     places = [_waiting(gateway, "a", job)["place"] for job in a] + [_waiting(gateway, "b", b[0])["place"]]
     assert sorted(places) == [1, 2, 3, 4]
@@ -148,7 +156,7 @@ def test_waiting_jobs_say_their_place_and_reason(gateway: Any) -> None:
     heartbeats.beat(slots=1, disk_full=True)
     assert _waiting(gateway, "b", b[0])["reason"] == "disk"
     with gateway.application.storage.database.writing() as session:
-        session.execute(update(WorkerRow).values(beaten_at_ms=1))  # silent, and not declared dead yet
+        session.execute(update(WorkerRow).values(beaten_at_ms=1))  # silent
     assert _waiting(gateway, "b", b[0])["reason"] == "no-worker"
 
 
@@ -173,7 +181,7 @@ def test_a_job_that_pauses_says_so_and_is_canceled_at_once(gateway: Any) -> None
 
 def test_a_waiting_job_estimates_when_it_has_its_turn(gateway: Any) -> None:
     headers = gateway.key("a")
-    heartbeats = Heartbeats(gateway.application.storage.database, "worker-0", 20)
+    heartbeats = Heartbeats(gateway.application.storage.database, "worker-0")
     heartbeats.beat(slots=1)
     first, second = _jobs(gateway, "a", 2)
     assert _waiting(gateway, "a", second)["eta_s"] is None  # nothing has ended yet

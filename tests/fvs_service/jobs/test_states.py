@@ -20,7 +20,7 @@ _STATUSES = [
 _TABLE = {
     (Move.TAKE, Mover.WORKER): "queued→queued in turn, running→running in turn",
     (Move.PUT_BACK, Mover.WORKER): "queued in turn→queued, running in turn→running",
-    (Move.PUT_BACK, Mover.REAPER): "queued in turn→queued, running in turn→running",
+    (Move.PUT_BACK, Mover.SUPERVISOR): "queued in turn→queued, running in turn→running",
     (Move.START, Mover.WORKER): "queued→running in turn, queued in turn→running in turn",
     (Move.START_AGAIN, Mover.WORKER): "running→running, running in turn→running in turn",
     (Move.SUCCEED, Mover.WORKER): "running→succeeded, running in turn→succeeded",

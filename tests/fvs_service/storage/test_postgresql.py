@@ -13,7 +13,6 @@ from alembic.autogenerate import compare_metadata
 from alembic.migration import MigrationContext
 from fvs_service.errors import IncompatibleDatabaseError, ServiceError, StorageUnavailableError
 from fvs_service.events.repository import events_after, publish
-from fvs_service.host.worker.heartbeat import Heartbeats
 from fvs_service.ids import new_id
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.states import submit
@@ -194,16 +193,6 @@ def test_a_frozen_worker_cannot_commit_and_does_not_hold_up_others(postgresql: P
     with pytest.raises(ServiceError, match="has lost the lease"), database.writing(scene) as session:
         require_lease(session, lease)
     database.close()
-
-
-def test_workers_that_were_all_silent_claim_each_other_without_a_deadlock(database: Database) -> None:
-    workers = [Heartbeats(database, f"worker-{number}", lease_s=600) for number in range(4)]
-    for worker in workers:
-        worker.beat()
-    for _ in range(10):
-        with database.writing() as session:
-            session.execute(text("UPDATE workers SET expires_at_ms = 0"))
-        assert at_once(*[lambda worker=worker: worker.beat() for worker in workers]) == []
 
 
 @pytest.mark.system

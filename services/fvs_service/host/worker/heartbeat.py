@@ -1,50 +1,25 @@
-"""Heartbeats of workers: they show which workers are alive, so that others take over the jobs of dead ones.
+"""Heartbeats of workers: what a worker's row says about it, and which workers are alive."""
 
-A worker that was only frozen finds at its next heartbeat that it was declared dead.
-"""
-
-import contextlib
-import math
 import time
-from collections.abc import Callable
-from dataclasses import dataclass
-from pathlib import Path
 
-from sqlalchemy import ColumnElement, delete, insert, select, update
+from sqlalchemy import delete, insert, select, update
 
-from fvs_service.jobs.fleet import MISSED_LEASES
+from fvs_service.errors import ConflictError
+from fvs_service.jobs.fleet import HEARTBEAT_S, is_alive
 from fvs_service.storage.clock import now_ms
 from fvs_service.storage.database import Database
 from fvs_service.storage.tables import WorkerRow, columns_of
 
 _WORKERS = columns_of(WorkerRow)
-
-
-@dataclass(frozen=True)
-class Heartbeat:
-    """What the database answers to a heartbeat.
-
-    ``known``: it knew the worker, and no other has declared it dead. ``dead``: the ids of dead workers; each
-    goes to one caller only, unless that one dies too. The caller puts back their jobs, then calls ``forget``.
-    """
-
-    known: bool
-    dead: tuple[str, ...]
+_WATCH_S = 1.5 * HEARTBEAT_S
+_LOOK_S = 0.2
 
 
 class Heartbeats:
     """Records the heartbeats of one worker; times are the database's."""
 
-    def __init__(
-        self,
-        database: Database,
-        worker_id: str,
-        lease_s: float,
-        clock: Callable[[], float] = time.monotonic,
-    ) -> None:
-        self._database, self._worker_id, self._clock = database, worker_id, clock
-        self._duration_ms = round(MISSED_LEASES * lease_s * 1000)
-        self._last_beat = -math.inf
+    def __init__(self, database: Database, worker_id: str) -> None:
+        self._database, self._worker_id = database, worker_id
 
     def beat(
         self,
@@ -53,8 +28,8 @@ class Heartbeats:
         disk_full: bool = False,
         backend: str = "auto",
         runner_bytes: int = 0,
-    ) -> Heartbeat:
-        """Record that this worker is alive, and claim the dead ones unless it was silent for as long itself.
+    ) -> None:
+        """Record that this worker is alive.
 
         ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes none for lack of room;
         ``runner_bytes``: the resident memory of its runners.
@@ -65,56 +40,37 @@ class Heartbeats:
             "backend": backend,
             "runner_bytes": runner_bytes,
             "beaten_at_ms": now_ms(),
-            "expires_at_ms": now_ms() + self._duration_ms,
         }
-        silent = _WORKERS.c.expires_at_ms < now_ms()
-        # One transaction, unless a worker is dead: it is most of what an idle worker does.
+        known = update(_WORKERS).where(_WORKERS.c.id == self._worker_id).values(state)
         with self._database.writing() as session:
-            known = session.scalar(
-                update(_WORKERS)
-                .where(_WORKERS.c.id == self._worker_id)
-                .values(state)
-                .returning(_WORKERS.c.id)
-            )
-            if known is None:
+            if session.scalar(known.returning(_WORKERS.c.id)) is None:
                 session.execute(insert(_WORKERS).values(id=self._worker_id, **state))
-            dead = session.scalar(select(_WORKERS.c.id).where(silent).limit(1)) is not None
-        now = self._clock()
-        # After a failure of the database all workers were silent, and the others may be alive, too.
-        regular = now - self._last_beat < self._duration_ms / 1000
-        self._last_beat = now
-        return Heartbeat(known is not None, self._claim(silent) if dead and regular else ())
 
-    def _claim(self, silent: ColumnElement[bool]) -> tuple[str, ...]:
-        """Claim dead workers. Those that another worker is claiming, or that beat again, are left out."""
-        free = select(_WORKERS.c.id).where(silent).with_for_update(skip_locked=True)
+    def end(self) -> None:
+        """Record that this worker has ended; its jobs wait for its successor of the same id."""
         with self._database.writing() as session:
-            claimed = session.scalars(
-                update(_WORKERS)
-                .where(_WORKERS.c.id.in_(free))
-                .values(expires_at_ms=now_ms() + self._duration_ms)
-                .returning(_WORKERS.c.id)
-            )
-            return tuple(claimed)
-
-    def forget(self, worker_id: str) -> None:
-        """Delete the row of a dead worker, after its jobs were put back."""
-        with self._database.writing() as session:
-            session.execute(delete(_WORKERS).where(_WORKERS.c.id == worker_id))
+            session.execute(delete(_WORKERS).where(_WORKERS.c.id == self._worker_id))
 
 
-def touch_heartbeat(file: Path) -> None:
-    """Set the time of a worker's heartbeat file, by which a probe sees that it is alive and not frozen.
+def require_no_workers(database: Database) -> None:
+    """Raise ``ConflictError`` when a worker sends heartbeats: another service runs on the database.
 
-    Without effect where it cannot be written.
+    Returns at once when no worker is alive, as after a clean stop; else it watches for a little longer than
+    the time between two heartbeats.
     """
-    with contextlib.suppress(OSError):  # a full disk does not end a worker
-        file.parent.mkdir(parents=True, exist_ok=True)
-        file.touch()
+    before = _last_beats(database)
+    until = time.monotonic() + _WATCH_S
+    while before and time.monotonic() < until:
+        time.sleep(_LOOK_S)
+        if not _last_beats(database).items() <= before.items():
+            raise ConflictError(
+                "Another fvs serve runs workers on this database.",
+                hint="Stop that one. On many machines set FVS_CLUSTER: see docs/operate/many-machines.md.",
+            )
 
 
-def forget_heartbeats(folder: Path) -> None:
-    """Delete the files of earlier workers, whose number or names may have been different."""
-    with contextlib.suppress(FileNotFoundError):
-        for file in folder.iterdir():
-            file.unlink()
+def _last_beats(database: Database) -> dict[str, int]:
+    """When each live worker sent its last heartbeat."""
+    with database.reading() as session:
+        rows = session.execute(select(WorkerRow.id, WorkerRow.beaten_at_ms).where(is_alive()))
+        return {row.id: row.beaten_at_ms for row in rows}

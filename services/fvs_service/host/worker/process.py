@@ -1,10 +1,9 @@
 """A worker's process: it takes jobs until it is stopped, and sends heartbeats."""
 
-import os
+import contextlib
 import signal
 import threading
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import Callable, Iterator
 
 import structlog
 from sqlalchemy.exc import SQLAlchemyError
@@ -12,7 +11,7 @@ from sqlalchemy.exc import SQLAlchemyError
 from fvs_service.application import Storage
 from fvs_service.errors import ServiceError
 from fvs_service.host.worker.dispatcher import Dispatcher
-from fvs_service.host.worker.heartbeat import Heartbeats, touch_heartbeat
+from fvs_service.host.worker.heartbeat import Heartbeats
 from fvs_service.host.worker.leased_scenes import LeasedScenes
 from fvs_service.host.worker.resources import Room
 from fvs_service.host.worker.runners import RunnerRequests
@@ -23,13 +22,8 @@ from fvs_service.storage.notifications import Topic
 
 _POLL_S = 10.0
 """Interval at which jobs are looked for whose notification was lost, or that lacked room."""
-_EXIT_REPLACED = 5
 
 _log = structlog.get_logger()
-
-
-class _ReplacedError(Exception):
-    """Another worker has declared this one dead and put its jobs back."""
 
 
 def run_worker(storage: Storage, worker_id: str, beat: Callable[[], None]) -> None:
@@ -42,14 +36,11 @@ def run_worker(storage: Storage, worker_id: str, beat: Callable[[], None]) -> No
         signal.signal(number, lambda *_: stop.set())
     settings = storage.settings
     room = Room(settings)
-    # First of all: else others might put back the jobs that this worker is about to resume.
-    heartbeats = Heartbeats(storage.database, worker_id, settings.lease_s)
+    heartbeats = Heartbeats(storage.database, worker_id)
     heartbeats.beat(
         slots=settings.worker.jobs_at_once,
         backend=settings.worker.backend,
     )
-    file = settings.heartbeats / worker_id
-    touch_heartbeat(file)
     scenes = LeasedScenes(storage, worker_id)
     turns = Turns(storage, scenes, worker_id, room)
     dispatcher = Dispatcher(
@@ -69,36 +60,28 @@ def run_worker(storage: Storage, worker_id: str, beat: Callable[[], None]) -> No
     beat()
     _log.info("worker ready", worker=worker_id)
     try:
-        while not stop.wait(min(HEARTBEAT_S, settings.lease_s)):
-            _maintain(storage, heartbeats, room, scenes, file)
+        while not stop.wait(HEARTBEAT_S):
+            with _without_database():
+                heartbeats.beat(
+                    slots=settings.worker.jobs_at_once,
+                    disk_full=room.short,
+                    backend=scenes.backend,
+                    runner_bytes=scenes.resident_bytes,
+                )
             beat()
-    except _ReplacedError:
-        _log.warning("replaced by another worker", worker=worker_id)
-        os._exit(_EXIT_REPLACED)  # at once: its jobs run elsewhere
     finally:
         sweeps.stop()
         subscription.close()
         dispatcher.stop()
         scenes.stop()
+        with _without_database():
+            heartbeats.end()
 
 
-def _maintain(storage: Storage, heartbeats: Heartbeats, room: Room, scenes: LeasedScenes, file: Path) -> None:
-    """Send a heartbeat, then touch ``file``, and requeue the jobs of dead workers.
-
-    Raises ``_ReplacedError`` when another worker has put back the jobs of this one.
-    """
+@contextlib.contextmanager
+def _without_database() -> Iterator[None]:
+    """Log that the database is away, and go on."""
     try:
-        heartbeat = heartbeats.beat(
-            slots=storage.settings.worker.jobs_at_once,
-            disk_full=room.short,
-            backend=scenes.backend,
-            runner_bytes=scenes.resident_bytes,
-        )
-        if not heartbeat.known:
-            raise _ReplacedError
-        touch_heartbeat(file)
-        for dead in heartbeat.dead:
-            _log.warning("reaping", worker=dead, jobs=storage.queue.put_back_all(dead))
-            heartbeats.forget(dead)
+        yield
     except (SQLAlchemyError, ServiceError) as error:
         _log.warning("database unavailable", reason=type(error).__name__)

@@ -26,7 +26,6 @@ def _create_tables_of_the_service() -> None:
         "workers",
         sa.Column("id", sa.String(128), primary_key=True),
         sa.Column("beaten_at_ms", sa.BigInteger(), nullable=False),
-        sa.Column("expires_at_ms", sa.BigInteger(), nullable=False),
         sa.Column("slots", sa.Integer(), nullable=False),
         sa.Column("disk_full", sa.Boolean(), nullable=False),
         sa.Column("backend", sa.String(16), nullable=False),
