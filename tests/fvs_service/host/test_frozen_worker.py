@@ -1,4 +1,4 @@
-"""A worker that is frozen for longer than its lease, and continued when another one has its scene."""
+"""A worker that is frozen for longer than its lease, and continued when another one ranks with its scene."""
 
 import contextlib
 import os
@@ -45,17 +45,23 @@ def _freeze(service: Any, worker: int) -> None:
             return
 
 
-def _freeze_in_training(service: Any, job: str) -> int:
-    """Freeze the worker that trains; returns it when another one does."""
-    service.wait(job, lambda found: found["stage"] in ("quick-training", "training"))
+def _freeze_in_training(service: Any, scene: str, job: str) -> None:
+    """Freeze the worker that trains the job's full model until the other one has ranked with the scene."""
+    service.wait(job, lambda found: found["stage"] == "training")
     (runner,) = service.processes(RUNNER)
     frozen = _parent(runner)
     _freeze(service, frozen)
-    # Nobody extends the lease any more, so the runner ends; the other worker starts one of its own.
-    _until(lambda: any(pid != runner for pid in service.processes(RUNNER)))
-    assert runner not in service.processes(RUNNER)
-    assert service.job(job)["state"] == "running"
-    return frozen
+    try:
+        # Nobody extends the lease any more, so the runner ends; the other worker starts one of its own.
+        _until(lambda: runner not in service.processes(RUNNER))
+        assert service.rank(scene)["candidates"]
+        (other,) = service.processes(RUNNER)
+        assert _parent(other) != frozen
+        assert service.job(job)["state"] == "running"
+    finally:
+        os.kill(frozen, signal.SIGCONT)
+    assert service.finish(job)["attempt"] == 1
+    assert frozen in service.processes(WORKER)
 
 
 def _models(service: Any, scene: str, job: str) -> list[str]:
@@ -82,22 +88,9 @@ def test_a_frozen_worker_loses_its_scene_and_commits_nothing(
 
         scene = service.scene()
         service.send(scene, courtyard_photographs[:7])
-        update = service.start(scene)
-        frozen = _freeze_in_training(service, update)  # for good: the job is done without it
-        try:
-            assert service.finish(update)["attempt"] == 1
-            assert service.rank(scene)["candidates"]
-        finally:
-            os.kill(frozen, signal.SIGCONT)
-        _until(lambda: frozen not in service.processes(WORKER))
-        _until(lambda: len(service.processes(WORKER)) == 2)
-
-        fine = service.start(scene, "fine", iterations=200)
-        frozen = _freeze_in_training(service, fine)
-        os.kill(frozen, signal.SIGCONT)  # while the other works
-        assert service.finish(fine)["attempt"] == 1
-        _until(lambda: frozen not in service.processes(WORKER))
-        # The frozen worker's runner may have trained the full model before the lease ran out: then the other
-        # worker publishes no quick one.
-        assert _models(service, scene, update) in (expected[0], expected[0][1:])
-        assert _models(service, scene, fine) == expected[1]
+        made = []
+        for request in ({"kind": "update"}, {"kind": "fine", "iterations": 200}):
+            job = service.start(scene, **request)
+            _freeze_in_training(service, scene, job)
+            made.append(_models(service, scene, job))
+        assert made == expected

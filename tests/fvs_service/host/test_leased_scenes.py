@@ -6,7 +6,8 @@ from typing import Any
 
 import pytest
 from fvs_service.errors import StorageUnavailableError
-from fvs_service.host.protocol.messages import RunnerOrder
+from fvs_service.host.protocol.connection import RunnerGoneError, call
+from fvs_service.host.protocol.messages import Ping, RunnerOrder
 from fvs_service.host.worker import leased_scenes, runner_child
 from fvs_service.host.worker.leased_scenes import LeasedScenes
 from fvs_service.host.worker.runner_child import RunnerChild
@@ -136,6 +137,21 @@ def test_a_runner_that_answers_no_ping_is_killed_while_a_job_uses_it(
                 assert killed.wait(60)
         finally:
             scenes.stop()
+
+
+@pytest.mark.system
+@pytest.mark.process
+def test_a_runner_listens_where_its_worker_says(gateway: Any) -> None:
+    scenes = LeasedScenes(gateway.application.storage, "ours", "127.0.0.2")
+    try:
+        with scenes.with_runner(gateway.scene(), 1, lambda: False) as leased:
+            assert leased is not None
+            assert leased.endpoint.startswith("127.0.0.2:")
+            call(leased.endpoint, Ping(), 30)
+            with pytest.raises(RunnerGoneError):
+                call(leased.endpoint.replace("127.0.0.2", "127.0.0.1"), Ping(), 30)
+    finally:
+        scenes.stop()
 
 
 def test_a_large_log_is_put_aside_when_the_runner_starts(
