@@ -1,14 +1,16 @@
 """Lag of the gateway's event loop, and an honest client's uploads, while hostile requests arrive.
 
     python benchmarks/service_hostile.py [--seconds 300] [--rate 100] [--connections 20] [--no-budget]
-                                         [--json hostile.json]
+                                         [--proxy] [--json hostile.json]
 
 Starts `fvs serve`, with keys, with a small model of a simulated courtyard. First only the honest client is
 there, for a fifth of the time: in each round it uploads an image, as the Python client does, and ranks eight
 candidates. Then, for all of the time, the given number of connections send hostile requests of every kind
 beside it, at the given rate, in turn with a key that may only upload and with keys that do not exist. With
-`--no-budget` the same is done once more with a service that puts no key on hold. The lag is the gateway's own
-`fvs_loop_lag_seconds`, of which the bucket is known: a lag is at most the number shown.
+`--no-budget` the same is done once more with a service that puts no key on hold. With `--proxy` all come
+through Caddy with the configuration of `deploy/proxy`, each hostile request by a TLS connection of its own.
+The lag is the gateway's own `fvs_loop_lag_seconds`, of which the bucket is known: a lag is at most the number
+shown.
 """
 
 import argparse
@@ -21,6 +23,8 @@ import os
 import secrets
 import select
 import socket
+import ssl
+import sys
 import tempfile
 import threading
 import time
@@ -46,9 +50,13 @@ from PIL import Image
 from fvs_engine.lab.simulate import SimulatedCamera, courtyard, orbit, write_photographs
 from fvs_engine.monitor import Monitor
 
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "servers"))
+from proxy_server import Proxy, running_proxy
+
 _BYTES = 1_400_000
 _NO_BUDGET = 1_000_000_000
 _ATTACK_NICENESS = 19
+_ANY_SERVICE = ssl._create_unverified_context()
 _PATIENCE_S = 0.5
 """Time after which a hostile client hangs up: some requests are incomplete, and never answered."""
 
@@ -107,11 +115,12 @@ def send_until_answered(connection: socket.socket, content: bytes) -> None:
     left, until = memoryview(content), time.monotonic() + _PATIENCE_S
     while (patience_s := until - time.monotonic()) > 0:
         readable, writable, _ = select.select([connection], [connection] if left else [], [], patience_s)
-        if readable:
-            connection.recv(4_096)
-            return
-        if writable:
-            left = left[connection.send(left) :]
+        with contextlib.suppress(ssl.SSLWantReadError, ssl.SSLWantWriteError):
+            if writable:
+                left = left[connection.send(left) :]
+            if readable:
+                connection.recv(4_096)
+                return
 
 
 @dataclass
@@ -122,6 +131,7 @@ class Attack:
     requests: Sequence[bytes]
     rate: float
     connections: int
+    secure: bool
 
     def run(self, stop: Event, sent: "Synchronized[int]") -> None:
         """Send until stopped, counting; a connection whose request took longer than its turn makes up for it.
@@ -148,8 +158,15 @@ class Attack:
             with lock:
                 content = next(turns)
                 sent.value += 1
-            with contextlib.suppress(OSError), socket.create_connection(self.address, 5) as connection:
+            with contextlib.suppress(OSError), self._connected() as connection:
                 send_until_answered(connection, content)
+
+    def _connected(self) -> socket.socket:
+        connection = socket.create_connection(self.address, 5)
+        if not self.secure:
+            return connection
+        with connection:  # closed if the handshake fails; else the secured socket has it
+            return _ANY_SERVICE.wrap_socket(connection, server_hostname="localhost")
 
 
 @contextlib.contextmanager
@@ -197,15 +214,14 @@ def honest(client: httpx2.Client, scene: str, until: float, numbers: "itertools.
     return rounds
 
 
-def scene_with_model(url: str, key: str, folder: Path) -> str:
+def scene_with_model(client: Client, folder: Path) -> str:
     """The id of a scene of which the service has trained a model."""
     camera = SimulatedCamera.like_a_drone(320, 240)
     write_photographs(folder, courtyard(), camera, orbit(6, turns=0.24), Monitor())
-    with Client(url, api_key=key) as client:
-        scene = client.scenes.create("honest")
-        scene.images.upload(folder / "images")
-        scene.update(iterations=200, long_side_px=160).wait()
-        return scene.id
+    scene = client.scenes.create("honest")
+    scene.images.upload(folder / "images")
+    scene.update(iterations=200, long_side_px=160).wait()
+    return scene.id
 
 
 def lags(client: httpx2.Client) -> dict[float, float]:
@@ -228,13 +244,14 @@ class Benchmark:
 
     service: RunningService
     client: httpx2.Client
+    url: str
     scene: str
     upload_key: str
     numbers: "itertools.count[int]"
 
     @classmethod
     @contextlib.contextmanager
-    def running(cls, root: Path, budget: int | None) -> "Iterator[Benchmark]":
+    def running(cls, root: Path, budget: int | None, proxied: bool) -> "Iterator[Benchmark]":
         """Run a service in ``root``; ``budget`` is its limit of refusals per key, None for the default."""
         environment = {"FVS_REQUIRE_KEYS": "true"}
         if budget is not None:
@@ -242,14 +259,22 @@ class Benchmark:
         with open_storage(Settings(root=root / "root")) as storage:
             honest_key = storage.keys.create("honest")
             upload_key = storage.keys.create("hostile", scopes=frozenset({Scope.UPLOAD}))
-        with (
-            running_service(root / "root", root / "log", environment) as service,
-            httpx2.Client(
-                base_url=service.url, timeout=120, headers={"Authorization": f"Bearer {honest_key}"}
-            ) as client,
-        ):
-            scene = scene_with_model(service.url, honest_key, root / "courtyard")
-            yield cls(service, client, scene, upload_key, itertools.count())
+        with contextlib.ExitStack() as stack:
+            service = stack.enter_context(running_service(root / "root", root / "log", environment))
+            proxy: Proxy | None = None
+            if proxied:
+                proxy = stack.enter_context(running_proxy(root / "proxy", service.url))
+            url = service.url if proxy is None else proxy.url
+            trusted = None if proxy is None else ssl.create_default_context(cafile=str(proxy.authority))
+            with Client(url, api_key=honest_key, ssl_context=trusted) as honest_client:
+                scene = scene_with_model(honest_client, root / "courtyard")
+            client = httpx2.Client(
+                base_url=url,
+                timeout=120,
+                headers={"Authorization": f"Bearer {honest_key}"},
+                verify=trusted or True,
+            )
+            yield cls(service, stack.enter_context(client), url, scene, upload_key, itertools.count())
 
     def alone(self, seconds: float) -> dict[str, Any]:
         """The row of the honest client alone."""
@@ -257,13 +282,14 @@ class Benchmark:
 
     def attacked(self, seconds: float, rate: float, connections: int) -> dict[str, Any]:
         """The row of the honest client beside hostile ones."""
-        parts = urlsplit(self.service.url)
+        parts = urlsplit(self.url)
         sent_by_all = [
             with_key(request, key)
             for request in requests_of(self.scene).values()
             for key in (self.upload_key, wrong_key())
         ]
-        attack = Attack((parts.hostname or "", parts.port or 0), sent_by_all, rate, connections)
+        secure = parts.scheme == "https"
+        attack = Attack((parts.hostname or "", parts.port or 0), sent_by_all, rate, connections, secure)
         with under(attack) as sent:
             while not sent.value:
                 time.sleep(0.1)
@@ -308,6 +334,7 @@ def main() -> None:
     parser.add_argument("--rate", type=float, default=100)
     parser.add_argument("--connections", type=int, default=20)
     parser.add_argument("--no-budget", action="store_true")
+    parser.add_argument("--proxy", action="store_true")
     parser.add_argument("--json", type=Path)
     given = parser.parse_args()
     rows = []
@@ -315,7 +342,7 @@ def main() -> None:
         named = {"budget": "default" if budget is None else "none"}
         with (
             tempfile.TemporaryDirectory() as folder,
-            Benchmark.running(Path(folder), budget) as benchmark,
+            Benchmark.running(Path(folder), budget, given.proxy) as benchmark,
         ):
             quiet = benchmark.alone(given.seconds / 5)
             hostile = benchmark.attacked(given.seconds, given.rate, given.connections)
