@@ -45,12 +45,12 @@ _DATA = Path(os.environ.get("FVS_DATA", _TESTS.parent.parent / "shared" / "data"
 _STARTS_PROCESSES = {"gateway", "open_gateway", "serve", "running", "script", "service", "serving"}
 _STARTS_PROCESSES |= {"real_service", "played_service", "fvs", "fvs_command", "fvs_until", "yard_dir"}
 _PROCESS_FILES = (
-    "clients/test_secure_service.py",
     "clients/test_command_line.py",
     "console/",
     "contract/test_access_rule.py",
     "contract/test_released_contract.py",
     "clients/generated/",
+    "deploy/test_proxy.py",
     "docs/test_code_blocks.py",
     "docs/test_site.py",
     "faults/",
@@ -66,7 +66,6 @@ _PROCESS_FILES = (
     "fvs_service/webhooks/test_deliveries.py",
     "fvs_service/webhooks/test_sending.py",
     "fvs_service/rankings/test_streamed_rankings.py",
-    "fvs_service/gateway/test_certificates.py",
     "fvs_service/gateway/test_connection.py",
     "fvs_service/serving/test_serve.py",
     "fvs_service/serving/test_stop_signals.py",

@@ -187,12 +187,6 @@ class Settings(BaseSettings):
     require_keys: bool | None = None
     """Whether every request needs an API key. By default it does where ``host`` or one of ``allowed_hosts``
     is not loopback, and once a key was created. ``false`` serves whoever can reach the service."""
-    tls_certificate: FilePath | None = None
-    """PEM file with the certificate chain for TLS; needs ``tls_key``."""
-    tls_key: FilePath | None = None
-    """PEM file with the certificate's private key, without a passphrase. It may be the same file."""
-    tls_client_ca: FilePath | None = None
-    """PEM file with the authority that must have signed the certificates of clients (mTLS)."""
     reserve_bytes: _Room = 500 * MEGABYTE
     """Disk space that uploads and jobs leave free. Rankings are refused at half of it."""
     lease_s: _Seconds = 20.0
@@ -200,7 +194,7 @@ class Settings(BaseSettings):
     event_heartbeat_s: _Seconds = 15.0
     """Interval at which an event stream without events sends a comment, so that proxies do not close it."""
     upload_idle_s: _Seconds = 30.0
-    """Maximum wait for the headers of a request, or for the next bytes of its body."""
+    """Maximum wait for the next bytes of a request's body."""
     upload_grace_s: _Seconds = 30.0
     """Time for which the body of a request may be slower than ``upload_bytes_per_s``, in all."""
     upload_bytes_per_s: float = Field(default=500.0, ge=1e-3, le=GIGABYTE)
@@ -249,20 +243,6 @@ class Settings(BaseSettings):
         if not grpc and not known.data.get("rest", True):
             raise ValueError("a gateway without REST needs gRPC")
         return grpc
-
-    @field_validator("tls_key")
-    @classmethod
-    def _completes_tls(cls, key: FilePath | None, known: ValidationInfo) -> FilePath | None:
-        if "tls_certificate" in known.data and (key is None) != (known.data["tls_certificate"] is None):
-            raise ValueError("TLS needs FVS_TLS_CERTIFICATE and FVS_TLS_KEY; one file may have both")
-        return key
-
-    @field_validator("tls_client_ca")
-    @classmethod
-    def _belongs_to_tls(cls, authority: FilePath | None, known: ValidationInfo) -> FilePath | None:
-        if authority is not None and known.data.get("tls_certificate", authority) is None:
-            raise ValueError("mTLS needs FVS_TLS_CERTIFICATE and FVS_TLS_KEY, too")
-        return authority
 
     @property
     def database(self) -> str:

@@ -8,3 +8,8 @@ def test_a_certificate_that_is_not_trusted_is_no_missing_service() -> None:
     assert "self-signed" in failure.message
     assert "SSL_CERT_FILE" in failure.hint
     assert "fvs serve" in connection.failure(httpx2.ConnectError("refused")).hint
+
+
+def test_a_connection_that_breaks_may_lack_tls() -> None:
+    connection = Connection.resolve("http://quarry.example", None, 5.0, None)
+    assert "https://" in connection.failure(httpx2.RemoteProtocolError("disconnected")).hint

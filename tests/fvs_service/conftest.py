@@ -119,8 +119,9 @@ def serve(tmp_path: Path) -> Iterator[Callable[..., Gateway]]:
         settings = settings_for(tmp_path / "service", overrides)
         migrate(settings)
         app = create_app(settings, runners)
-        protocol = http_protocol(settings.upload_idle_s)
-        config = uvicorn.Config(app, port=0, log_level="error", timeout_graceful_shutdown=1, http=protocol)
+        config = uvicorn.Config(
+            app, port=0, log_level="error", timeout_graceful_shutdown=1, http=http_protocol()
+        )
         server = _Server(config)
         thread = threading.Thread(target=server.run)
         thread.start()

@@ -1,7 +1,5 @@
 """Settings that cannot be used are refused by name; those at the ends of their ranges are harmless."""
 
-import contextlib
-import itertools
 import re
 from collections.abc import Iterator, Mapping
 from pathlib import Path
@@ -88,7 +86,6 @@ def test_the_service_starts_and_sweeps_at_the_ends_of_all_ranges(open_gateway: A
     ("variable", "nearest"),
     [
         ("FVS_RESERVE_BYTE", "FVS_RESERVE_BYTES"),
-        ("FVS_TLS_CERT", "FVS_TLS_CERTIFICATE"),
         ("FVS_REQUIRE_KEY", "FVS_REQUIRE_KEYS"),
         ("FVS_WORKER_COUNT", "FVS_WORKER__COUNT"),
         ("FVS_WORKER__COUNTS", "FVS_WORKER__COUNT"),
@@ -129,20 +126,3 @@ def test_every_variable_that_the_project_names_is_known() -> None:
             if file != Path(__file__):
                 read = re.findall(r"""["'](FVS_[A-Z_]*[A-Z])["']""", file.read_text(encoding="utf-8"))
                 assert {name.removesuffix("_FILE") for name in read} <= known, file
-
-
-_TLS = ("tls_certificate", "tls_key", "tls_client_ca")
-
-
-@pytest.mark.parametrize("given", [set(names) for k in range(4) for names in itertools.combinations(_TLS, k)])
-def test_tls_has_a_certificate_and_a_key_and_mtls_both(given: set[str], tmp_path: Path) -> None:
-    file = tmp_path / "some.pem"
-    file.touch()
-    wrong = set()
-    if ("tls_certificate" in given) != ("tls_key" in given):
-        wrong.add("tls_key")
-    if "tls_client_ca" in given and "tls_certificate" not in given:
-        wrong.add("tls_client_ca")
-    with pytest.raises(ValidationError) if wrong else contextlib.nullcontext() as error:
-        Settings(**dict.fromkeys(given, file))
-    assert {one["loc"][0] for one in (error.value.errors() if error else ())} == wrong

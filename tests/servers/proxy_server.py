@@ -3,9 +3,10 @@
 import os
 import shutil
 import socket
+import ssl
 import subprocess
 import time
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
@@ -35,16 +36,23 @@ class Proxy:
 
 @contextmanager
 def running_proxy(
-    folder: Path, rest_url: str, rpc_url: str | None = None, *, client_authority: Path | None = None
+    folder: Path,
+    rest_url: str,
+    rpc_url: str | None = None,
+    *,
+    names: Sequence[str] = ("localhost",),
+    client_authority: Path | None = None,
 ) -> Iterator[Proxy]:
-    """A proxy for as long as the block lasts, as ``localhost``, with a certificate by its own authority.
+    """A proxy of these ``names`` for as long as the block lasts, with a certificate by its own authority.
 
-    With ``client_authority`` clients need a certificate by that.
+    With ``client_authority`` clients need a certificate by that. Its log is in ``folder``.
     """
     with ExitStack() as stack:
         sockets = [stack.enter_context(socket.create_server(("127.0.0.1", 0))) for _ in range(2)]
         port, plain = (one.getsockname()[1] for one in sockets)
     given = {
+        "PROXY_HOST": ", ".join(names),
+        "PROXY_TLS": "internal",
         "PROXY_HTTPS_PORT": str(port),
         "PROXY_HTTP_PORT": str(plain),
         "PROXY_REST": _upstream(rest_url),
@@ -57,7 +65,6 @@ def running_proxy(
     folder.mkdir(parents=True, exist_ok=True)
     program = caddy()
     assert program is not None
-    authority = folder / "data" / "caddy" / "pki" / "authorities" / "local" / "root.crt"
     with (
         (folder / "log").open("w") as log,
         subprocess.Popen(
@@ -69,11 +76,12 @@ def running_proxy(
     ):
         try:
             until = time.monotonic() + _START_S
-            while not (authority.exists() and _listens(port)):
+            while not all(_is_secured(port, name) for name in names):
                 if process.poll() is not None or time.monotonic() > until:
                     raise RuntimeError(f"Caddy does not start: {(folder / 'log').read_text()[-2000:]}")
                 time.sleep(0.05)
-            yield Proxy(f"https://localhost:{port}", authority)
+            authority = folder / "data" / "caddy" / "pki" / "authorities" / "local" / "root.crt"
+            yield Proxy(f"https://{names[0]}:{port}", authority)
         finally:
             process.terminate()
 
@@ -84,6 +92,13 @@ def _upstream(url: str) -> str:
     return f"{parts.hostname} {parts.port}"
 
 
-def _listens(port: int) -> bool:
-    with socket.socket() as asking:
-        return asking.connect_ex(("127.0.0.1", port)) == 0
+def _is_secured(port: int, name: str) -> bool:
+    """Whether the proxy has a certificate for ``name``, which it makes once it listens."""
+    try:
+        with (
+            socket.create_connection(("127.0.0.1", port), 5) as connection,
+            ssl._create_unverified_context().wrap_socket(connection, server_hostname=name),
+        ):
+            return True
+    except OSError:
+        return False

@@ -3,12 +3,12 @@
 from typing import Annotated, Any
 
 from fastapi import Header, Request, Response
+from starlette.datastructures import Headers
 from starlette.responses import FileResponse, RedirectResponse
 
 from fvs_service.console.built_files import BuiltFile, built_file, index_page
 from fvs_service.errors import NotFoundError
 from fvs_service.gateway.capabilities import ARCHIVE_URL
-from fvs_service.gateway.rest.compression import accepts_gzip
 from fvs_service.gateway.rest.dependencies import KnownQuery
 from fvs_service.gateway.rest.pages import DOCS_URL
 from fvs_service.gateway.rest.routing import HeadRouter
@@ -81,8 +81,17 @@ def _add_files(router: HeadRouter, basemap: BasemapSettings) -> None:
 
 def _response(file: BuiltFile, request: Request, headers: dict[str, str]) -> Response:
     headers = {**headers, "Vary": "Accept, Accept-Encoding"}
-    if not accepts_gzip(request.headers):
+    if not _accepts_gzip(request.headers):
         return Response(file.content, headers=headers, media_type=file.media_type)
     return Response(
         file.compressed, headers={**headers, "Content-Encoding": "gzip"}, media_type=file.media_type
+    )
+
+
+def _accepts_gzip(headers: Headers) -> bool:
+    """Whether a client with these headers of a request reads gzip."""
+    offered = (part.partition(";") for part in headers.get("accept-encoding", "").lower().split(","))
+    return any(
+        name.strip() in ("gzip", "*") and weight.replace(" ", "") not in ("q=0", "q=0.0", "q=0.00", "q=0.000")
+        for name, _, weight in offered
     )

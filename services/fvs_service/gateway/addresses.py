@@ -13,9 +13,7 @@ class Addresses(Record):
 
     @property
     def rpc_url(self) -> str | None:
-        """The address of gRPC, as ``grpc://host:port``, or ``grpcs`` with TLS."""
+        """The address of gRPC, as ``grpc://host:port``."""
         if self.rpc_port is None:
             return None
-        parts = urlsplit(self.url)
-        scheme = "grpcs" if parts.scheme == "https" else "grpc"
-        return f"{scheme}://{parts.netloc.rpartition(':')[0]}:{self.rpc_port}"
+        return f"grpc://{urlsplit(self.url).netloc.rpartition(':')[0]}:{self.rpc_port}"

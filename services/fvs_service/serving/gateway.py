@@ -1,15 +1,13 @@
-"""The gateway's servers: sockets, TLS, signals."""
+"""The gateway's servers: sockets, signals."""
 
 import asyncio
 import contextlib
 import gc
 import resource
 import socket
-import ssl
 import sys
 from collections.abc import Callable
 from types import FrameType
-from typing import Any
 
 import structlog
 import uvicorn
@@ -64,20 +62,19 @@ def run_gateway(
         host=settings.host,
         port=settings.port,
         loop="asyncio",  # the protocol sets how much asyncio's transports read at once; uvloop's cannot
-        http=http_protocol(settings.upload_idle_s),
+        http=http_protocol(),
         ws="none",
         log_config=None,  # see ``fvs_service.logs``
         access_log=False,
+        proxy_headers=False,  # nothing depends on the client's address
         server_header=False,
         date_header=False,  # see ``RequestContext``
         timeout_keep_alive=30,
         timeout_graceful_shutdown=_STOP_WITHIN_S,
-        **certificates_of(settings),
     )
     listening = listen(config)
     host, port = listening.getsockname()[:2]
-    scheme = "http" if settings.tls_certificate is None else "https"
-    url = f"{scheme}://{f'[{host}]' if ':' in host else host}:{port}"
+    url = f"http://{f'[{host}]' if ':' in host else host}:{port}"
     server = GatewayServer(
         config,
         app,
@@ -95,16 +92,6 @@ def _allow_many_connections() -> None:
     most = _OPEN_FILES if hard == resource.RLIM_INFINITY else min(hard, _OPEN_FILES)
     if 0 <= soft < most:
         resource.setrlimit(resource.RLIMIT_NOFILE, (most, hard))
-
-
-def certificates_of(settings: Settings) -> dict[str, Any]:
-    """The options of uvicorn for TLS and mTLS; ``RpcServer`` has those of gRPC."""
-    return {
-        "ssl_certfile": settings.tls_certificate,
-        "ssl_keyfile": settings.tls_key,
-        "ssl_ca_certs": None if settings.tls_client_ca is None else str(settings.tls_client_ca),
-        "ssl_cert_reqs": ssl.CERT_NONE if settings.tls_client_ca is None else ssl.CERT_REQUIRED,
-    }
 
 
 def listen(config: uvicorn.Config) -> socket.socket:

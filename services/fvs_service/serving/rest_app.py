@@ -20,7 +20,6 @@ from fvs_service.gateway.loop_lag import LoopLag
 from fvs_service.gateway.refusals import Refusals
 from fvs_service.gateway.rest import capabilities, openapi, pages, problems, service
 from fvs_service.gateway.rest.body_guard import BodyGuard
-from fvs_service.gateway.rest.compression import Compression
 from fvs_service.gateway.rest.cross_origin import CrossOrigin
 from fvs_service.gateway.rest.middleware import RequestContext
 from fvs_service.gateway.rest.origins import OriginGuard
@@ -133,7 +132,6 @@ def create_app(settings: Settings, make_runners: MakeRunners) -> FastAPI:
         generate_unique_id_function=lambda route: route.name,
     )
     app.state.refusals, app.state.drain = refusals, drain
-    app.add_middleware(Compression)
     app.add_middleware(BodyGuard, settings=settings, metrics=metrics)
     app.add_middleware(RefusalGuard, refusals=refusals)
     app.add_middleware(OriginGuard, settings=settings)

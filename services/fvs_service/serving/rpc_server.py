@@ -1,4 +1,4 @@
-"""The gRPC server: port, TLS, limits, and a stop that lets calls end."""
+"""The gRPC server: port, limits, and a stop that lets calls end."""
 
 import asyncio
 import contextlib
@@ -12,7 +12,6 @@ from fvs_service.gateway.rpc.calls import MAX_CALLS, Gateway
 from fvs_service.gateway.rpc.capabilities import CapabilityServicer
 from fvs_service.gateway.rpc.health import Health
 from fvs_service.gateway.rpc.operations import Servicer, handlers_of
-from fvs_service.gateway.rpc.patience import RequestPatience
 from fvs_service.gateway.rpc.reflection import serve_reflection
 from fvs_service.images.rpc import ImageServicer
 from fvs_service.jobs.rpc import JobServicer
@@ -27,16 +26,12 @@ _CALLS_OF_TRANSPORT = MAX_CALLS + 256
 details because there are too many. gRPC itself refuses more, with a status that has none."""
 _CALLS_PER_CONNECTION = 256
 _PING_MS, _PING_WITHIN_MS = 30_000, 20_000
-_HANDSHAKE_MS = 20_000
 _METADATA_BYTES = 16_384
 _CHUNK_BYTES = 1_048_576
 """Maximum size of a chunk of an upload, which no limit of lists lowers."""
 _ENVELOPE_BYTES = 65_536
 """What the transport accepts beyond: requests that are a little too large get an error with details. gRPC
 itself refuses larger ones, with a status that has none."""
-_REQUEST_WITHIN_S = 2.0
-"""Time within which the requests of health and reflection must arrive: their callers need no key."""
-_PACKAGE = "fvs.v1"
 _CUT_S = 0.2
 """Calls are aborted this long before the server stops, so that their clients receive the reason."""
 
@@ -47,7 +42,6 @@ class RpcServer:
     def __init__(self, gateway: Gateway, settings: Settings) -> None:
         self._gateway, self._settings = gateway, settings
         self._server = grpc.aio.server(
-            interceptors=(RequestPatience(_REQUEST_WITHIN_S, _PACKAGE),),
             options=_options(max(settings.limits.json_bytes, _CHUNK_BYTES) + _ENVELOPE_BYTES),
             maximum_concurrent_rpcs=_CALLS_OF_TRANSPORT,
         )
@@ -71,7 +65,7 @@ class RpcServer:
         host, port = self._settings.host, self._settings.rpc_port
         address = f"{f'[{host}]' if ':' in host else host}:{port}"
         try:
-            bound: int = self._bind(address)
+            bound: int = self._server.add_insecure_port(address)
         except RuntimeError as error:
             raise UnavailableError(
                 f"gRPC cannot listen on {address}.",
@@ -90,19 +84,6 @@ class RpcServer:
         with contextlib.suppress(asyncio.CancelledError):
             await stop
 
-    def _bind(self, address: str) -> int:
-        settings = self._settings
-        if settings.tls_certificate is None:
-            return int(self._server.add_insecure_port(address))
-        assert settings.tls_key is not None  # the settings require both
-        authority = settings.tls_client_ca
-        credentials = grpc.ssl_server_credentials(
-            [(settings.tls_key.read_bytes(), settings.tls_certificate.read_bytes())],
-            root_certificates=None if authority is None else authority.read_bytes(),
-            require_client_auth=authority is not None,
-        )
-        return int(self._server.add_secure_port(address, credentials))
-
 
 def _options(most_bytes: int) -> tuple[tuple[str, int], ...]:
     return (
@@ -111,7 +92,6 @@ def _options(most_bytes: int) -> tuple[tuple[str, int], ...]:
         ("grpc.max_metadata_size", _METADATA_BYTES),
         ("grpc.absolute_max_metadata_size", 2 * _METADATA_BYTES),
         ("grpc.max_concurrent_streams", _CALLS_PER_CONNECTION),
-        ("grpc.server_handshake_timeout_ms", _HANDSHAKE_MS),
         # A client that has vanished is noticed, and its calls are cancelled.
         ("grpc.keepalive_time_ms", _PING_MS),
         ("grpc.keepalive_timeout_ms", _PING_WITHIN_MS),

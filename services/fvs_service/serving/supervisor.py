@@ -25,7 +25,6 @@ from fvs_service.errors import (
 )
 from fvs_service.events.repository import skip_lost_numbers
 from fvs_service.gateway.addresses import Addresses
-from fvs_service.gateway.certificates import require_certificates
 from fvs_service.gateway.protection import require_protection
 from fvs_service.host.worker.heartbeat import require_no_workers
 from fvs_service.serving.process_order import GATEWAY, WORKER, ProcessOrder
@@ -89,14 +88,12 @@ class Supervisor:
     def run(self, announce: Callable[[str], object]) -> None:
         """Start all processes, call ``announce`` with the gateway's URLs, and supervise until a signal.
 
-        Raises ``InvalidInputError`` when a file for TLS cannot be used,
-        ``ForbiddenError`` when requests need an API key and there is no valid one,
+        Raises ``ForbiddenError`` when requests need an API key and there is no valid one,
         ``ConflictError`` when another service runs on the root, or has workers on the database,
         ``StorageError`` when the root cannot be written, ``UnavailableError`` when the gateway does not
         start, the database cannot be reached, or the blob store refuses, or belongs to another database.
         """
         if self._role is not Role.WORKER:
-            require_certificates(self._settings)
             _log.info(require_protection(self._settings))
         with _only_service_in(self._settings.root):
             adopt_orphans()

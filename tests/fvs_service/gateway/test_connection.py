@@ -26,7 +26,7 @@ async def _answer(_scope: Any, receive: Any, send: Any) -> None:
 
 @contextlib.contextmanager
 def _serving(app: Any) -> Iterator[tuple[uvicorn.Server, tuple[str, int]]]:
-    protocol = http_protocol(_PATIENCE_S, read_within_s=_PATIENCE_S)
+    protocol = http_protocol(_PATIENCE_S)
     config = uvicorn.Config(app, port=0, log_level="critical", lifespan="off", http=protocol)
     server = uvicorn.Server(config)
     thread = threading.Thread(target=server.run)
@@ -62,57 +62,16 @@ def _body(connection: socket.socket) -> bytes:
     return received.partition(b"\r\n\r\n")[2]
 
 
-def _is_closed_after(connection: socket.socket, drop: bytes) -> bool:
-    try:
-        connection.sendall(drop)
-        return connection.recv(100) == b""
-    except TimeoutError:
-        return False
-    except ConnectionError:
-        return True
-
-
-@pytest.mark.parametrize("head", [b"", b"GET / HT", b"GET / HTTP/1.1\r\nHost: a\r\nX-Never: en"])
-def test_who_never_ends_a_head_is_let_go(connection: socket.socket, head: bytes) -> None:
-    connection.sendall(head)
-    assert connection.recv(100) == b""
-
-
-def test_heads_that_come_in_drops_have_no_longer(connection: socket.socket) -> None:
-    connection.sendall(b"GET / HTTP/1.1\r\n")
-    connection.settimeout(_PATIENCE_S / 5)
-    assert any(_is_closed_after(connection, b"X-%d: a\r\n" % number) for number in range(400))
-
-
-def test_the_next_request_of_a_connection_has_its_own_time(connection: socket.socket) -> None:
-    for _ in range(2):
-        connection.sendall(b"GET / HTTP/1.1\r\nHost: a\r\n\r\n")
-        assert _body(connection) == b"ok"
-    connection.sendall(b"GET / HTTP/1.1\r\nHo")
-    assert connection.recv(100) == b""
-
-
-def test_a_body_may_take_longer_than_a_head(connection: socket.socket) -> None:
-    connection.sendall(b"PUT / HTTP/1.1\r\nHost: a\r\nContent-Length: 2\r\n\r\na")
-    time.sleep(2 * _PATIENCE_S)
-    connection.sendall(b"b")
-    assert _body(connection) == b"ok"
-
-
 @pytest.mark.parametrize(
     "head",
     [
         b"GET / HTTP/1.1\r\n" + b"a: b\r\n" * 200 + b"\r\n",
-        b"GET / HTTP/1.1\r\na: " + b"b" * 40_000 + b"\r\n\r\n",
-        b"GET /" + b"a" * 40_000 + b" HTTP/1.1\r\n\r\n",
-        b"GET / HTTP/1.1\r\na: " + b"b" * 200_000,
-        b"GET /" + b"a" * 200_000,
         b"POST / HTTP/1.1\r\nTransfer-Encoding: chunked\r\n\r\n0\r\n" + b"a: b\r\n" * 200,
         b"GET / HTTP/1.1\r\n\r\n" * 2_000,
     ],
-    ids=["headers", "header", "target", "endless header", "endless target", "trailers", "pipelined"],
+    ids=["headers", "trailers", "pipelined"],
 )
-def test_heads_and_lines_of_requests_have_limits(connection: socket.socket, head: bytes) -> None:
+def test_headers_and_requests_at_once_have_limits(connection: socket.socket, head: bytes) -> None:
     received = _sent(connection, head)
     assert received.count(b"HTTP/1.1 200") <= 16
     assert b"HTTP/1.1 400" in received or not received.endswith(b"ok")
@@ -121,7 +80,7 @@ def test_heads_and_lines_of_requests_have_limits(connection: socket.socket, head
 @pytest.mark.parametrize(
     ("sent", "reason"),
     [
-        (b"GET / HTTP/1.1\r\na: " + b"b" * 40_000 + b"\r\n\r\n", "more than 32768 bytes or 100 headers"),
+        (b"GET / HTTP/1.1\r\n" + b"a: b\r\n" * 200, "more than 100 headers"),
         (b"\x16\x03\x01\x02\x00\x01\x00", "not an HTTP/1.1 request"),
         (b"GET / SMTP\r\n\r\n", "not an HTTP/1.1 request"),
     ],
@@ -152,16 +111,6 @@ async def _refuse(_scope: Any, _receive: Any, send: Any) -> None:
 def refusing() -> Iterator[tuple[str, int]]:
     with _serving(_refuse) as (_, address):
         yield address
-
-
-def test_a_body_that_nobody_needs_is_not_read(refusing: tuple[str, int]) -> None:
-    size = 200_000_000  # more than all buffers
-    with socket.create_connection(refusing) as connection:
-        connection.settimeout(60)
-        connection.sendall(b"PUT / HTTP/1.1\r\nHost: a\r\nContent-Length: %d\r\n\r\n" % size)
-        with pytest.raises(ConnectionError):
-            connection.sendall(b"a" * size)
-        assert _body(connection) == b"no"
 
 
 @pytest.mark.parametrize("size", [1_000, 2_000_000])

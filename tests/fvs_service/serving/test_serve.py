@@ -173,6 +173,6 @@ def test_a_variable_that_cannot_be_used_is_named(tmp_path: Path, monkeypatch: py
     assert refused.exit_code == 2
     assert "`FVS_WORKER__COUNT` must be a whole number." in refused.stderr
     monkeypatch.delenv("FVS_WORKER__COUNT")
-    monkeypatch.setenv("FVS_TLS_KEY", str(tmp_path / "none.pem"))
+    monkeypatch.setenv("FVS_BASEMAP__ARCHIVE", str(tmp_path / "none.pmtiles"))
     refused = _fvs("keys", "list", "--root", str(tmp_path / "service"))
-    assert "FVS_TLS_KEY: there is no such file." in refused.stderr
+    assert "FVS_BASEMAP__ARCHIVE: there is no such file." in refused.stderr
