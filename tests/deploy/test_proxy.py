@@ -39,11 +39,14 @@ from grpc_health.v1.health_pb2_grpc import HealthStub
 from proxy_server import Proxy, caddy, running_proxy
 from tus_device import TYPE, VERSION, Device
 
+from fvs_schema.artifacts import CAMERAS, GAUSSIANS
+
 photograph = conftest_of("fvs_service").photograph
 pytestmark = pytest.mark.system
 
 _NAMES = ("localhost", "ground.example", "other.example")
 _HEAD_WITHIN_S = 10.0
+_UPLOAD_IDLE_S = 1.0
 _WITHIN_S = 30.0
 
 
@@ -131,7 +134,7 @@ def open_proxied(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Callable[
                 "require_keys": True,
                 "grpc_port": 0,
                 "allowed_hosts": ("ground.example",),
-                "upload_idle_s": 1.0,
+                "upload_idle_s": _UPLOAD_IDLE_S,
             }
             settings = settings_for(folder / "service", overrides)
             gateway, rest, rpc = stack.enter_context(_served(settings))
@@ -256,7 +259,7 @@ def test_json_is_compressed_and_files_are_left_alone(
     assert len(listed.json()["items"]) > 12
     assert "content-encoding" not in http.get("/v1/scenes", headers={"Accept-Encoding": "identity"}).headers
     snapshot = proxied.gateway.model(scene, proxied.headers, images=30)
-    for name in ("cameras.json", "model.ply"):
+    for name in (CAMERAS, GAUSSIANS):
         whole = http.get(f"/v1/snapshots/{snapshot}/artifacts/{name}")
         assert "etag" in whole.headers
         assert "content-encoding" not in whole.headers
@@ -281,7 +284,9 @@ def test_heads_and_bodies_have_limits(proxied: Proxied, http: httpx2.Client, sce
     with proxied.connection() as connection:  # the gateway's patience, whose answer comes through
         path = f"/v1/scenes/{scene}/images/sha256:{'0' * 64}"
         head = f"PUT {path} HTTP/1.1\r\nHost: localhost\r\nAuthorization: Bearer {proxied.key}\r\n"
-        connection.sendall(f"{head}Content-Length: 1000\r\n\r\nonly this".encode())
+        connection.sendall(f"{head}Content-Length: 1000000\r\n\r\nonly this".encode())
+        time.sleep(2 * _UPLOAD_IDLE_S)
+        connection.sendall(b"more")  # Go's server does not answer before it has read
         assert connection.recv(64).startswith(b"HTTP/1.1 408 ")
     with proxied.connection() as connection:
         began = time.monotonic()
