@@ -229,6 +229,16 @@ def test_an_upload_that_is_cut_resumes_at_its_last_byte(
     assert device.image()["verdict"] == "accepted"
 
 
+def test_the_log_of_the_proxy_has_addresses_and_no_keys(proxied: Proxied, http: httpx2.Client) -> None:
+    answer = http.get("/v1/capabilities")
+    until = time.monotonic() + _WITHIN_S
+    while answer.headers["x-request-id"] not in (log := proxied.proxy.log.read_text()):
+        assert time.monotonic() < until
+        time.sleep(0.05)
+    assert '"remote_ip":"127.0.0.1"' in log
+    assert proxied.key not in log
+
+
 def test_events_come_at_once(proxied: Proxied, http: httpx2.Client, scene: str) -> None:
     def queued() -> None:
         proxied.gateway.queue(scene, headers=proxied.headers)

@@ -27,6 +27,7 @@ class Proxy:
 
     url: str
     authority: Path
+    log: Path
 
     @property
     def port(self) -> int:
@@ -81,7 +82,7 @@ def running_proxy(
                     raise RuntimeError(f"Caddy does not start: {(folder / 'log').read_text()[-2000:]}")
                 time.sleep(0.05)
             authority = folder / "data" / "caddy" / "pki" / "authorities" / "local" / "root.crt"
-            yield Proxy(f"https://{names[0]}:{port}", authority)
+            yield Proxy(f"https://{names[0]}:{port}", authority, folder / "log")
         finally:
             process.terminate()
 
