@@ -103,8 +103,10 @@ def open_storage(settings: Settings, tracing: Tracing | None = None) -> Abstract
     return _opened(settings, Database.migrate, tracing)
 
 
-def open_existing_storage(settings: Settings, *, migrate: bool = False) -> AbstractContextManager[Storage]:
-    """Open the storage of a service that has run before, for commands that only inspect it.
+def open_existing_storage(
+    settings: Settings, tracing: Tracing | None = None, *, migrate: bool = False
+) -> AbstractContextManager[Storage]:
+    """Open the storage of a service that has run before.
 
     Creates nothing, and migrates the schema only if ``migrate``. Raises ``NotFoundError`` when the database
     or the blobs should be on this machine and are not, and ``IncompatibleDatabaseError`` when the schema has
@@ -118,7 +120,7 @@ def open_existing_storage(settings: Settings, *, migrate: bool = False) -> Abstr
                     f"{path} does not exist: no service has run in {settings.root}.",
                     hint="Name the service's folder with --root or FVS_ROOT.",
                 )
-    return _opened(settings, Database.migrate if migrate else Database.require_migrated)
+    return _opened(settings, Database.migrate if migrate else Database.require_migrated, tracing)
 
 
 @contextmanager

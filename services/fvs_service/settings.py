@@ -74,7 +74,11 @@ class WorkerSettings(Record):
     idle_s: _Seconds = 600.0
     """A runner that has no requests for this time ends."""
     threads: int | None = Field(default=None, ge=1, le=1_024)
-    """Threads of one runner, by default all cores. With 1, results repeat bit by bit."""
+    """Threads of one runner, by default all cores; in a cluster the CPUs that a scene takes of its node, by
+    default 2. With 1, results repeat bit by bit."""
+    gpus: float | None = Field(default=None, ge=0, le=16)
+    """In a cluster, the GPUs that a scene takes to train: a share below 1, or a whole number. By default 1
+    where a node has one, else 0."""
     backend: str = "auto"
     """Rasteriser: ``cpu``, ``triton``, ``gsplat``, or ``auto``: ``gsplat`` where it can run."""
     long_side_px: int = Field(default=800, ge=64, le=8192)
@@ -171,6 +175,9 @@ class Settings(BaseSettings):
     )
     """URL of a PostgreSQL database; without it, SQLite in the root."""
     blobs: BlobSettings = BlobSettings()
+    cluster: str | None = Field(default=None, pattern=r"^(auto|ray://[A-Za-z0-9._-]+(:[0-9]{1,5})?)$")
+    """Ray cluster whose nodes run the jobs: ``ray://host:10001``, or ``auto`` on a machine that is one of
+    them. It needs PostgreSQL, an object store, and the extra ``fvs[ray]``."""
     host: str = "127.0.0.1"
     """Address to listen on (``--host``)."""
     port: int = Field(default=8000, ge=0, le=65_535)
@@ -236,6 +243,16 @@ class Settings(BaseSettings):
         """Values from code, from the environment, from files that the environment names."""
         files, unknown = FilesOfEnvironment(settings_cls), UnknownOfEnvironment(settings_cls)
         return init_settings, env_settings, files, unknown
+
+    @field_validator("cluster")
+    @classmethod
+    def _reaches_the_data(cls, cluster: str | None, known: ValidationInfo) -> str | None:
+        database, blobs = known.data.get("database_url"), known.data.get("blobs")
+        if cluster is not None and (
+            not (database or "").startswith("postgres") or blobs is None or blobs.url is None
+        ):
+            raise ValueError("a cluster needs FVS_DATABASE_URL of PostgreSQL and FVS_BLOBS__URL")
+        return cluster
 
     @field_validator("grpc")
     @classmethod

@@ -103,6 +103,14 @@ class WaitReason(Word):
     """The workers' disks are full up to the reserve."""
     NO_WORKER = "no-worker"
     """No worker is alive."""
+    CLUSTER = "cluster"
+    """The cluster cannot be reached, or its nodes cannot run the job."""
+    NODE = "node"
+    """The CPUs or the memory of all nodes are in use."""
+    GPU = "gpu"
+    """All GPUs of the cluster are in use."""
+    NO_NODE = "no-node"
+    """No node of the cluster has what the job needs."""
 
 
 class JobWaiting(Output):

@@ -77,6 +77,10 @@ class WaitReason(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     WAIT_REASON_MEMORY: _ClassVar[WaitReason]
     WAIT_REASON_DISK: _ClassVar[WaitReason]
     WAIT_REASON_NO_WORKER: _ClassVar[WaitReason]
+    WAIT_REASON_CLUSTER: _ClassVar[WaitReason]
+    WAIT_REASON_NODE: _ClassVar[WaitReason]
+    WAIT_REASON_GPU: _ClassVar[WaitReason]
+    WAIT_REASON_NO_NODE: _ClassVar[WaitReason]
 JOB_KIND_UNSPECIFIED: JobKind
 JOB_KIND_UPDATE: JobKind
 JOB_KIND_FINE: JobKind
@@ -132,6 +136,10 @@ WAIT_REASON_TENANT_LIMIT: WaitReason
 WAIT_REASON_MEMORY: WaitReason
 WAIT_REASON_DISK: WaitReason
 WAIT_REASON_NO_WORKER: WaitReason
+WAIT_REASON_CLUSTER: WaitReason
+WAIT_REASON_NODE: WaitReason
+WAIT_REASON_GPU: WaitReason
+WAIT_REASON_NO_NODE: WaitReason
 
 class CreateJobRequest(_message.Message):
     __slots__ = ("scene_id", "job", "idempotency_key")

@@ -20,6 +20,8 @@ from fvs_schema.jobs import JobKind, WaitReason
 
 _PATIENCE = 20
 """A fine model that has waited for this many turns no longer lets updates of its tenant go first."""
+_USEFUL = (None, WaitReason.MEMORY, WaitReason.NODE, WaitReason.GPU)
+"""What a waiting job may lack so that another one that makes room is of use to it."""
 _SETTLED_MS = 1_000
 """A job that waits this long was not taken by an idle worker, so there is none."""
 
@@ -124,11 +126,11 @@ class Order:
             return False
         over = [one for one in self.running if self._turn_is_over(one)]
         if other.tenant_id != job.tenant_id:
-            useful = place.obstacle in (None, WaitReason.MEMORY)
+            useful = place.obstacle in _USEFUL
             turns = self._turns[other.tenant_id]
             rivals = [one for one in over if self._turns[one.tenant_id] > turns]
         else:
-            useful = place.obstacle in (None, WaitReason.MEMORY, WaitReason.TENANT_LIMIT)
+            useful = place.obstacle in (*_USEFUL, WaitReason.TENANT_LIMIT)
             rank = self._rank(other)
             rivals = [
                 one for one in over if one.tenant_id == job.tenant_id and (one.kind is JobKind.FINE) > rank

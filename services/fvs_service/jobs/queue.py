@@ -16,9 +16,12 @@ from fvs_service.jobs.repository import OPEN
 from fvs_service.jobs.states import Move, Mover, Turn, move
 from fvs_service.storage.clock import now_ms
 from fvs_service.storage.database import Database
+from fvs_service.storage.notifications import Topic, announce
 from fvs_service.storage.tables import JobRow, TenantRow, WorkerRow
 
 _TRY_AGAIN_MS = 5_000
+_PLACED_MS = 30_000
+"""A job that waits for a place on a node is also woken when it has one."""
 _LOOKS = 8
 """Number of lost races for a job in a row after which a worker leaves the queue to the others."""
 
@@ -70,6 +73,19 @@ class JobQueue:
             ended = move(session, Move.PUT_BACK, Mover.SUPERVISOR, others, **_lacks(None))
             session.execute(delete(WorkerRow).where(WorkerRow.id.not_in(worker_ids)))
         return len(ended)
+
+    def try_again(self, scene_id: str) -> None:
+        """Let the waiting jobs of a scene have a turn at once: what they lacked is there."""
+        waits = (JobRow.scene_id == scene_id, JobRow.state.in_(OPEN), JobRow.worker_id.is_(None))
+        with self._database.writing() as session:
+            session.execute(update(JobRow).where(*waits).values(**_lacks(None)))
+            announce(session, Topic.JOBS)
+
+    def has_open(self, scene_id: str) -> bool:
+        """Whether a job of the scene waits or runs."""
+        query = select(JobRow.id).where(JobRow.scene_id == scene_id, JobRow.state.in_(OPEN)).limit(1)
+        with self._database.reading() as session:
+            return session.scalar(query) is not None
 
     def has(self, turn: Turn) -> bool:
         """Whether the turn has not ended."""
@@ -181,7 +197,9 @@ def _lacks(obstacle: WaitReason | None) -> dict[str, object]:
     """The columns of a job that lacked this in its turn."""
     if obstacle is None:
         return {"obstacle": None, "not_before_ms": 0}
-    return {"obstacle": obstacle.value, "not_before_ms": now_ms() + _TRY_AGAIN_MS}
+    placed = obstacle in (WaitReason.GPU, WaitReason.NODE, WaitReason.NO_NODE)
+    again_ms = _PLACED_MS if placed else _TRY_AGAIN_MS
+    return {"obstacle": obstacle.value, "not_before_ms": now_ms() + again_ms}
 
 
 def _is_of(turn: Turn) -> tuple[ColumnElement[bool], ...]:

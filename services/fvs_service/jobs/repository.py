@@ -8,6 +8,7 @@ from sqlalchemy.orm import Session
 from fvs_schema.jobs import Job, JobFailure, JobKind, JobList, JobPage, JobRequest, JobState
 from fvs_schema.stages import Stage
 from fvs_service.errors import NotFoundError
+from fvs_service.jobs.stages import Work
 from fvs_service.principal import Principal
 from fvs_service.storage.pages import Cursors, newest_first
 from fvs_service.storage.tables import ImageRow, JobMilestoneRow, JobRow, frames_not_taken
@@ -22,6 +23,14 @@ def job_of(session: Session, principal: Principal, job_id: str) -> Job:
     if row is None or not principal.owns(row.tenant_id, row.scene_id):
         raise NotFoundError("There is no such job.")
     return to_job(row)
+
+
+def needs_of(session: Session, job_id: str) -> Work:
+    """What a job needs next; raises ``NotFoundError``."""
+    row = session.get(JobRow, job_id)
+    if row is None:
+        raise NotFoundError("There is no such job.")
+    return Work(row.work)
 
 
 def find_job(session: Session, job_id: str) -> Job:

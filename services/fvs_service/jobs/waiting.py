@@ -22,14 +22,21 @@ _MESSAGES = {
     WaitReason.MEMORY: "The workers' memory is in use.",
     WaitReason.DISK: "The service's disk is full; the job continues when there is room.",
     WaitReason.NO_WORKER: "No worker is alive.",
+    WaitReason.CLUSTER: "The Ray cluster cannot be reached, or its nodes cannot run the service: see the "
+    "log of `fvs serve --role worker`.",
+    WaitReason.NODE: "The CPUs or the memory of all nodes of the cluster are in use.",
+    WaitReason.GPU: "All GPUs of the cluster are in use.",
+    WaitReason.NO_NODE: "No node of the cluster has the CPUs, GPUs and memory that the job needs: add one, "
+    "or lower FVS_WORKER__THREADS, FVS_WORKER__GPUS or the size of images.",
 }
 _BEFORE = {0: "It is the next one.", 1: "1 job goes first."}
 
 
 @dataclass(frozen=True)
 class Workers:
-    """The number of jobs that the live workers run at once, and that of those whose disk is not full."""
+    """The live workers: the jobs that they run at once, and those of them whose disk is not full."""
 
+    alive: int
     slots: int
     slots_with_room: int
 
@@ -54,8 +61,9 @@ def why_it_waits(
     place: Place, order: Order, workers: Workers, usual_s: Mapping[JobKind, float | None]
 ) -> JobWaiting:
     """Why the job at this position waits; ``usual_s`` is the usual duration of a job by kind."""
-    if workers.slots == 0:
-        reason, message = WaitReason.NO_WORKER, _MESSAGES[WaitReason.NO_WORKER]
+    if workers.slots == 0:  # a worker without slots waits for its cluster
+        reason = WaitReason.CLUSTER if workers.alive else WaitReason.NO_WORKER
+        message = _MESSAGES[reason]
     elif place.obstacle is not None:
         reason, message = place.obstacle, _MESSAGES[place.obstacle]
     elif workers.slots_with_room == 0:
@@ -95,6 +103,7 @@ def _is_fine_before_update(job: OpenJob, other: OpenJob) -> bool:
 def _workers(session: Session) -> Workers:
     alive = session.scalars(select(WorkerRow).where(is_alive())).all()
     return Workers(
+        alive=len(alive),
         slots=sum(worker.slots for worker in alive),
         slots_with_room=sum(worker.slots for worker in alive if not worker.disk_full),
     )

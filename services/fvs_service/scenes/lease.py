@@ -39,15 +39,18 @@ class Leases:
         self._database = database
         self._duration_ms = round(duration_s * 1000)
 
-    def acquire(self, scene_id: str, worker_id: str) -> Lease | None:
+    def acquire(self, scene_id: str, worker_id: str, *, after: int | None = None) -> Lease | None:
         """Acquire the lease if it is free, has expired, or is this worker's; else return None.
 
         Every acquired lease has a new token, which makes all earlier ones stale. Raises ``NotFoundError`` for
-        a deleted scene.
+        a deleted scene, ``StaleLeaseError`` when ``after`` is given and no longer the newest token.
         """
         with self._database.writing(scene_id) as session:
             expires = now_ms() + self._duration_ms
             row = session.get(SceneLeaseRow, scene_id, with_for_update=True)
+            newest = 0 if row is None else row.token
+            if after not in (None, newest):
+                raise _stale(Lease(scene_id, worker_id, after))
             if row is None:
                 if session.get(SceneRow, scene_id) is None:
                     raise NotFoundError("There is no such scene.")
@@ -57,7 +60,7 @@ class Leases:
                     )
                 )
                 return Lease(scene_id, worker_id, 1)
-            token = row.token + 1
+            token = newest + 1
             taken = session.execute(
                 update(SceneLeaseRow)
                 .where(
@@ -84,6 +87,11 @@ class Leases:
                 .where(SceneLeaseRow.scene_id == lease.scene_id, SceneLeaseRow.token == lease.token)
                 .values(endpoint=None, expires_at_ms=0)
             )
+
+    def newest_token(self, scene_id: str) -> int:
+        """The newest token of the scene's lease; 0 before the first."""
+        with self._database.reading() as session:
+            return session.scalar(select(_LEASES.c.token).where(_LEASES.c.scene_id == scene_id)) or 0
 
     def holder(self, scene_id: str) -> Lease | None:
         """The lease in force; None when there is none."""

@@ -7,15 +7,19 @@ once it answers. Then both write their pulse to it (``pulse``).
 import ctypes
 import os
 import sys
+from typing import TYPE_CHECKING
 
 from fvs_engine.child_process import end_with_parent
-from fvs_service.application import open_storage
+from fvs_service.application import Storage, open_storage
 from fvs_service.gateway.addresses import Addresses
 from fvs_service.host.worker.runners import LeasedRunners
 from fvs_service.logs import configure_logging, log_uncaught
 from fvs_service.serving.process_order import GATEWAY, ProcessOrder
 from fvs_service.serving.pulse import PULSE_S, beat
 from fvs_service.tracing import Tracing
+
+if TYPE_CHECKING:
+    from fvs_service.host.worker.hosts import SceneHosts
 
 _M_ARENA_MAX = -8
 _ARENAS = 2
@@ -53,9 +57,19 @@ def _run_worker(order: ProcessOrder) -> None:
     os.set_blocking(sys.stdout.fileno(), False)  # for the pulse
     tracing = Tracing.of_environment("fvs-worker")
     with open_storage(order.settings, tracing) as storage:
-        run_worker(storage, order.name, beat)
+        run_worker(storage, _hosts_of(storage, order.name), order.name, beat)
     tracing.close()
     os._exit(0)  # without waiting for attempts that still run: the next process resumes them
+
+
+def _hosts_of(storage: Storage, worker_id: str) -> "SceneHosts":
+    if storage.settings.cluster is None:
+        from fvs_service.host.worker.hosts import LocalHosts
+
+        return LocalHosts(storage, worker_id)
+    from fvs_service.host.cluster.hosts import ClusterHosts  # imports Ray
+
+    return ClusterHosts(storage, worker_id)
 
 
 def limit_arenas() -> None:

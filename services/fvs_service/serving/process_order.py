@@ -4,6 +4,8 @@ from fvs_engine.records import Record
 from fvs_service.settings import Settings
 
 GATEWAY, WORKER = "gateway", "worker"
+CLUSTER = "cluster"
+"""The id of the worker on a Ray cluster, of which there is one."""
 
 
 class ProcessOrder(Record):

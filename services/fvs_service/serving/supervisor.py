@@ -7,13 +7,14 @@ import time
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field
 from enum import StrEnum
+from importlib.util import find_spec
 from pathlib import Path
 from urllib.parse import urlsplit
 
 import structlog
 
 from fvs_engine import child_process
-from fvs_engine.errors import OutputExistsError
+from fvs_engine.errors import InvalidInputError, OutputExistsError
 from fvs_engine.files.lock import locked_folder
 from fvs_engine.files.storage import storage_errors
 from fvs_service.application import Storage, open_storage
@@ -27,7 +28,7 @@ from fvs_service.events.repository import skip_lost_numbers
 from fvs_service.gateway.addresses import Addresses
 from fvs_service.gateway.protection import require_protection
 from fvs_service.host.worker.heartbeat import require_no_workers
-from fvs_service.serving.process_order import GATEWAY, WORKER, ProcessOrder
+from fvs_service.serving.process_order import CLUSTER, GATEWAY, WORKER, ProcessOrder
 from fvs_service.serving.process_tree import adopt_orphans, end_descendants, reap_adopted
 from fvs_service.serving.pulse import Pulse
 from fvs_service.serving.stop_signals import StopSignals
@@ -81,7 +82,8 @@ class Supervisor:
         self._log_json = log_json
         self._role = role
         self._gateway = _Child("gateway", GATEWAY)
-        self._workers = [_Child(f"worker-{number}", WORKER) for number in range(settings.worker.count)]
+        names = [f"worker-{number}" for number in range(settings.worker.count)]
+        self._workers = [_Child(name, WORKER) for name in ([CLUSTER] if settings.cluster else names)]
         if role is Role.GATEWAY:
             self._workers = []
 
@@ -93,6 +95,8 @@ class Supervisor:
         ``StorageError`` when the root cannot be written, ``UnavailableError`` when the gateway does not
         start, the database cannot be reached, or the blob store refuses, or belongs to another database.
         """
+        if self._role is not Role.GATEWAY:
+            _require_ray(self._settings, self._role)
         if self._role is not Role.WORKER:
             _log.info(require_protection(self._settings))
         with _only_service_in(self._settings.root):
@@ -230,6 +234,17 @@ def _stop(running: "Mapping[str, subprocess.Popen[str]]", within_s: float) -> No
             process.kill()
             process.wait()
         child_process.close_pipes(process)
+
+
+def _require_ray(settings: Settings, role: Role) -> None:
+    """Raise ``InvalidInputError`` where the role needs a cluster, and where the cluster needs Ray."""
+    if settings.cluster is None and role is Role.WORKER:
+        raise InvalidInputError(
+            "--role worker is for a Ray cluster, and FVS_CLUSTER is not set.",
+            hint="Set FVS_CLUSTER, or run `fvs serve`: on one machine it has a gateway and workers.",
+        )
+    if settings.cluster is not None and find_spec("ray") is None:
+        raise InvalidInputError("FVS_CLUSTER needs Ray.", hint="pip install 'fvs[ray]'")
 
 
 def _require_blobs(storage: Storage) -> None:

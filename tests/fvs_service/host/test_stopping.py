@@ -140,13 +140,15 @@ def _ask_for_much(url: httpx2.URL, scene: str) -> None:
 def test_a_frozen_worker_does_not_keep_the_service_from_ending(tmp_path: Path) -> None:
     """The part of the service on a machine for workers, which starts sooner than the whole."""
     program = "from fvs_engine.cli import main; main()"
-    command = [sys.executable, "-c", program, "serve", "--role", "worker", "--root", str(tmp_path / "root")]
+    command = [sys.executable, "-c", program, "serve", "--port", "0", "--root", str(tmp_path / "root")]
 
     def worker() -> int | None:
         found = (pid for pid in descendants(process.pid) if "process worker" in command_of(pid))
         return next(found, None)
 
-    with subprocess.Popen(command, stderr=subprocess.DEVNULL, text=True) as process:
+    with subprocess.Popen(
+        command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL, text=True
+    ) as process:
         try:
             until(worker)
             frozen = worker()

@@ -3964,7 +3964,7 @@ export interface components {
          * @description Why a job waits.
          * @enum {string}
          */
-        WaitReason: "queue" | "scene" | "tenant-limit" | "memory" | "disk" | "no-worker";
+        WaitReason: "queue" | "scene" | "tenant-limit" | "memory" | "disk" | "no-worker" | "cluster" | "node" | "gpu" | "no-node";
         /**
          * Webhook
          * @description A webhook of a scene, and the state of its deliveries.

@@ -44,10 +44,11 @@ _log = structlog.get_logger()
 class Attempts:
     """Runs attempts from a start to its outcome, which is recorded in the database."""
 
-    def __init__(self, storage: Storage, scenes: LeasedScenes, room: Room) -> None:
+    def __init__(self, storage: Storage, scenes: LeasedScenes, room: Room, *, trains: bool) -> None:
         self._storage = storage
         self._scenes = scenes
         self._room = room
+        self._trains = trains
         self._copies = WorkingCopies(storage)
 
     def start(self, scene: LeasedScene, job: Job, traceparent: str | None = None) -> Outcome:
@@ -124,6 +125,7 @@ class Attempts:
             origin=scene.origin,
             control=control,
             snapshot_id=scene.snapshot_id,
+            trains=self._trains,
         )
         progress = self._progress(job, images, first=scene.snapshot_id is None)
         with StageSpans(self._storage.tracing) as spans:

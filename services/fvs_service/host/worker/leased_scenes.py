@@ -17,11 +17,9 @@ from fvs_service.errors import NotFoundError, StaleLeaseError
 from fvs_service.host.protocol.connection import RunnerError, RunnerGoneError, call
 from fvs_service.host.protocol.messages import YieldScene
 from fvs_service.host.worker.deleted_images import unless_locked
-from fvs_service.host.worker.resources import MemoryBudget, idle_need_bytes, memory_limit_bytes
+from fvs_service.host.worker.resources import MemoryBudget, idle_need_of_scene, memory_limit_bytes
 from fvs_service.host.worker.runner_child import RunnerChild
 from fvs_service.scenes.lease import Lease
-from fvs_service.scenes.repository import find_scene_head
-from fvs_service.snapshots.repository import find_snapshot
 
 _POLL_S = 0.25
 _MAINTAIN_S = 1.0
@@ -145,7 +143,8 @@ class LeasedScenes:
             return time.monotonic() > until or (holder is not None and holder.worker_id != self._worker_id)
 
         try:
-            with self.with_runner(scene_id, self._idle_need(scene_id), give_up):
+            need = idle_need_of_scene(self._storage.database, scene_id)
+            with self.with_runner(scene_id, need, give_up):
                 pass
         except (RunnerGoneError, NotFoundError) as error:
             _log.warning("runner did not start", scene=scene_id, reason=str(error))
@@ -164,6 +163,10 @@ class LeasedScenes:
             list(pool.map(lambda scene: scene.child.retire(_RETIRE_S), scenes))
         for scene in scenes:
             self._drop(scene)
+
+    def idle_s(self) -> float:
+        """How long all runners have been idle; 0 while one is not, infinite without any."""
+        return min((scene.child.idle_s() for scene in list(self._scenes.values())), default=math.inf)
 
     @property
     def resident_bytes(self) -> int:
@@ -220,7 +223,7 @@ class LeasedScenes:
         """End one use of the scene; after the last one it keeps only the memory of an idle runner."""
         need = None
         try:
-            need = self._idle_need(scene.lease.scene_id)
+            need = idle_need_of_scene(self._storage.database, scene.lease.scene_id)
         finally:
             with self._lock:
                 scene.users -= 1
@@ -344,17 +347,6 @@ class LeasedScenes:
         """The scene's lock; it is deleted when no thread holds it."""
         with self._lock:
             return self._scene_locks.setdefault(scene_id, threading.Lock())
-
-    def _idle_need(self, scene_id: str) -> int:
-        try:
-            with self._storage.database.reading() as session:
-                snapshot_id = find_scene_head(session, scene_id).snapshot_id
-                gaussians = (
-                    0 if snapshot_id is None else find_snapshot(session, snapshot_id).metrics.gaussians
-                )
-        except NotFoundError:  # the scene was deleted
-            return 0
-        return idle_need_bytes(gaussians)
 
 
 class _StartingLease:

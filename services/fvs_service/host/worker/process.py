@@ -12,11 +12,9 @@ from fvs_service.application import Storage
 from fvs_service.errors import ServiceError
 from fvs_service.host.worker.dispatcher import Dispatcher
 from fvs_service.host.worker.heartbeat import Heartbeats
-from fvs_service.host.worker.leased_scenes import LeasedScenes
-from fvs_service.host.worker.resources import Room
+from fvs_service.host.worker.hosts import SceneHosts
 from fvs_service.host.worker.runners import RunnerRequests
 from fvs_service.host.worker.sweep import Sweeps
-from fvs_service.host.worker.turns import Turns
 from fvs_service.jobs.fleet import HEARTBEAT_S
 from fvs_service.storage.notifications import Topic
 
@@ -26,7 +24,7 @@ _POLL_S = 10.0
 _log = structlog.get_logger()
 
 
-def run_worker(storage: Storage, worker_id: str, beat: Callable[[], None]) -> None:
+def run_worker(storage: Storage, hosts: SceneHosts, worker_id: str, beat: Callable[[], None]) -> None:
     """Run jobs until SIGTERM or SIGINT; to be called in the main thread of a process of its own.
 
     ``beat`` is called when it is ready and before every heartbeat, with or without the database.
@@ -34,26 +32,19 @@ def run_worker(storage: Storage, worker_id: str, beat: Callable[[], None]) -> No
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
         signal.signal(number, lambda *_: stop.set())
-    settings = storage.settings
-    room = Room(settings)
     heartbeats = Heartbeats(storage.database, worker_id)
-    heartbeats.beat(
-        slots=settings.worker.jobs_at_once,
-        backend=settings.worker.backend,
-    )
-    scenes = LeasedScenes(storage, worker_id)
-    turns = Turns(storage, scenes, worker_id, room)
+    heartbeats.beat(**hosts.status.model_dump())
     dispatcher = Dispatcher(
         worker_id,
         storage.queue,
         RunnerRequests(storage.database),
-        turns.run,
-        scenes.start_runner,
-        slots=settings.worker.jobs_at_once,
+        hosts.run,
+        hosts.start_runner,
+        slots=hosts.turns_at_once,
         poll_s=_POLL_S,
-        has_room=lambda: not room.short,
+        has_room=lambda: hosts.status.takes_jobs,
     )
-    sweeps = Sweeps(storage, scenes.without_jobs)
+    sweeps = Sweeps(storage, hosts.without_jobs)
     subscription = storage.database.subscribe({Topic.JOBS: dispatcher.wake, Topic.RUNNERS: dispatcher.wake})
     dispatcher.start()
     sweeps.start()
@@ -62,18 +53,13 @@ def run_worker(storage: Storage, worker_id: str, beat: Callable[[], None]) -> No
     try:
         while not stop.wait(HEARTBEAT_S):
             with _without_database():
-                heartbeats.beat(
-                    slots=settings.worker.jobs_at_once,
-                    disk_full=room.short,
-                    backend=scenes.backend,
-                    runner_bytes=scenes.resident_bytes,
-                )
+                heartbeats.beat(**hosts.status.model_dump())
             beat()
     finally:
         sweeps.stop()
         subscription.close()
         dispatcher.stop()
-        scenes.stop()
+        hosts.stop()
         with _without_database():
             heartbeats.end()
 

@@ -9,8 +9,12 @@ from fvs_engine.images.pixels import reduced_size
 from fvs_engine.splat.settings import memory_need_bytes
 from fvs_schema.images import Image
 from fvs_schema.jobs import JobKind, JobRequest
+from fvs_service.errors import NotFoundError
+from fvs_service.scenes.repository import find_scene_head
 from fvs_service.settings import Settings, WorkerSettings
+from fvs_service.snapshots.repository import find_snapshot
 from fvs_service.storage.blobs import free_bytes
+from fvs_service.storage.database import Database
 
 PROGRAM_BYTES = 700_000_000
 """A runner without a model: the interpreter, torch and Numba, and the SfM child. Measured on a
@@ -49,6 +53,17 @@ def job_need_bytes(request: JobRequest, images: tuple[Image, ...], settings: Wor
 def idle_need_bytes(gaussians: int) -> int:
     """The memory of a runner that only ranks, with a model of ``gaussians`` Gaussians."""
     return PROGRAM_BYTES + gaussians * _IDLE_GAUSSIAN_BYTES
+
+
+def idle_need_of_scene(database: Database, scene_id: str) -> int:
+    """The memory of a runner that only ranks with the scene's newest model; 0 for a deleted scene."""
+    try:
+        with database.reading() as session:
+            snapshot_id = find_scene_head(session, scene_id).snapshot_id
+            gaussians = 0 if snapshot_id is None else find_snapshot(session, snapshot_id).metrics.gaussians
+    except NotFoundError:
+        return 0
+    return idle_need_bytes(gaussians)
 
 
 class MemoryBudget:

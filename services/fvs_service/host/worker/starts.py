@@ -25,12 +25,14 @@ class _Count(Record):
 class Starts:
     """The starts of one attempt, in a file; a start counts unless it is excused.
 
-    When the file cannot be written nothing is counted: on a full disk no attempt starts.
+    When the file cannot be written nothing is counted: on a full disk no attempt starts. ``lost``: how many
+    were made elsewhere before there is a file.
     """
 
-    def __init__(self, folder: Path, turn: Turn) -> None:
+    def __init__(self, folder: Path, turn: Turn, lost: int = 0) -> None:
         self._file = folder / f"starts-{turn.kind.value}.json"
         self._attempt_id = turn.attempt_id
+        self._lost = lost
 
     def without_progress(self, progress: float) -> int:
         """The number of starts since the job last made progress; ``progress`` is where it is now."""
@@ -66,7 +68,7 @@ class Starts:
             count = _Count.model_validate_json(self._file.read_bytes())
             if count.attempt_id == self._attempt_id:
                 return count
-        return _Count(attempt_id=self._attempt_id)
+        return _Count(attempt_id=self._attempt_id, starts=self._lost)
 
     def _write(self, count: _Count) -> None:
         with suppress(StorageError, OSError):

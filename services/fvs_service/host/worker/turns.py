@@ -36,19 +36,24 @@ _log = structlog.get_logger()
 class Turns:
     """Runs the turns of one worker's jobs, in any thread; the same one may be run again after a crash."""
 
-    def __init__(self, storage: Storage, scenes: LeasedScenes, worker_id: str, room: Room) -> None:
+    def __init__(
+        self, storage: Storage, scenes: LeasedScenes, worker_id: str, room: Room, *, trains: bool = True
+    ) -> None:
         self._storage = storage
         self._scenes = scenes
         self._worker_id = worker_id
         self._room = room
-        self._attempts = Attempts(storage, scenes, room)
+        self._attempts = Attempts(storage, scenes, room, trains=trains)
 
-    def run(self, turn: Turn) -> WaitReason | None:
-        """Run a turn until it or the attempt ends; returns the resource that the job lacks, if any."""
+    def run(self, turn: Turn, lost: int = 0) -> WaitReason | None:
+        """Run a turn until it or the attempt ends; returns the resource that the job lacks, if any.
+
+        ``lost`` starts without progress were made on hosts that died.
+        """
         with structlog.contextvars.bound_contextvars(
             worker=self._worker_id, scene=turn.scene_id, job=turn.job_id
         ):
-            starts = Starts(self._storage.settings.scenes / turn.scene_id, turn)
+            starts = Starts(self._storage.settings.scenes / turn.scene_id, turn, lost)
             while not self._over(turn) and not self._scenes.stopping:
                 match self._outcome(turn, starts):
                     case StartAgain() as again:

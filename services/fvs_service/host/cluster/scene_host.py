@@ -1,0 +1,198 @@
+"""The host of a scene: the actor that runs its turns on a node, with the same code as on one machine."""
+
+import contextlib
+import math
+import os
+import shutil
+import threading
+import time
+from collections.abc import Iterator
+from concurrent.futures import Future
+from dataclasses import replace
+from pathlib import Path
+from typing import Any, NoReturn
+
+import ray
+import structlog
+
+from fvs_engine.errors import OutputExistsError, StorageError
+from fvs_engine.files.lock import locked_folder
+from fvs_engine.files.private_folder import private_folder
+from fvs_engine.files.storage import storage_errors
+from fvs_engine.records import Record
+from fvs_schema.jobs import WaitReason
+from fvs_service.application import open_existing_storage
+from fvs_service.errors import ServiceError
+from fvs_service.host.cluster.leases import HostLeases
+from fvs_service.host.cluster.resources import Resources
+from fvs_service.host.worker.hosts import LocalHosts
+from fvs_service.host.worker.sweep import Sweeps
+from fvs_service.ids import new_id
+from fvs_service.jobs.states import Turn
+from fvs_service.logs import configure_logging
+from fvs_service.settings import Settings
+from fvs_service.storage.owner import require_own_store
+from fvs_service.tracing import Tracing
+
+_LOOK_S = 1.0
+_UNUSED_S = 30.0
+"""A host without a runner ends after this time."""
+_LEFT_S = 60.0
+"""A folder without a lock is that of a dead host, unless it is younger than this."""
+
+_log = structlog.get_logger()
+
+
+class HostOpened(Record):
+    """A host's node, and why it cannot work there ("": it can)."""
+
+    node_id: str
+    refusal: str = ""
+
+
+class HostStatus(Record):
+    """What a host tells of itself; ``idle_s``: how long it has had neither a job nor a request."""
+
+    idle_s: float
+    backend: str
+    runner_bytes: int
+
+
+class SceneHost:
+    """Runs the turns of one scene on its node, in a folder of its own that ends with it; a Ray actor.
+
+    A host takes ``resources`` of its node. It ends when it has no runner any longer, and when there is a
+    newer host of its scene. ``trains``: see ``LocalHosts``.
+    """
+
+    def __init__(
+        self, scene_id: str, worker_id: str, settings: Settings, resources: Resources, *, trains: bool
+    ) -> None:
+        self._scene_id, self._worker_id, self._trains = scene_id, worker_id, trains
+        self._settings, self._resources = settings, resources
+        self._lock = threading.Lock()
+        self._held = contextlib.ExitStack()
+        self._hosts: LocalHosts | None = None
+        self._turns: dict[str, Future[WaitReason | None]] = {}
+        self._users = 0
+        self._used = time.monotonic()
+
+    def open(self) -> HostOpened:
+        """Open the database and the object store from this node."""
+        node_id = ray.get_runtime_context().get_node_id()
+        with self._lock:
+            if self._hosts is None:
+                configure_logging(machine=True)
+                try:
+                    self._open()
+                except (ServiceError, StorageError) as error:
+                    return HostOpened(node_id=node_id, refusal=f"{error.message} {error.hint}".strip())
+        return HostOpened(node_id=node_id)
+
+    def resources(self) -> Resources:
+        """What the host takes of its node."""
+        return self._resources
+
+    def run(self, turn: Turn, lost: int = 0) -> WaitReason | None:
+        """Run a turn, or wait for one that runs already: its caller died. See ``LocalHosts`` for the rest."""
+        with self._in_use() as hosts:
+            with self._lock:
+                running = self._turns.get(turn.attempt_id)
+                ended = self._turns.setdefault(turn.attempt_id, Future())
+            if running is None:
+                try:
+                    ended.set_result(hosts.run(turn, lost))
+                except BaseException as error:  # for all callers
+                    ended.set_exception(error)
+                finally:
+                    del self._turns[turn.attempt_id]
+            return ended.result()
+
+    def start_runner(self) -> None:
+        """Start the scene's runner, so that it can rank."""
+        with self._in_use() as hosts:
+            hosts.start_runner(self._scene_id)
+
+    def status(self) -> HostStatus:
+        """How it is now."""
+        hosts = self._opened()
+        used = time.monotonic() - self._used
+        status = hosts.status
+        return HostStatus(
+            idle_s=0.0 if self._users else min(used, hosts.idle_s()),
+            backend=status.backend,
+            runner_bytes=status.runner_bytes,
+        )
+
+    def leave(self) -> bool:
+        """Give the scene up, unless a turn runs; returns whether. The caller then kills this actor."""
+        with self._lock:
+            if self._users:
+                return False
+            self._users += 1  # for ever
+        self._close()
+        return True
+
+    def _open(self) -> None:
+        root = self._held.enter_context(_own_root())
+        worker = self._settings.worker.model_copy(update={"threads": int(self._resources.cpus)})
+        settings = self._settings.model_copy(update={"root": root, "worker": worker})
+        tracing = Tracing.of_environment("fvs-host")
+        storage = self._held.enter_context(open_existing_storage(settings, tracing=tracing))
+        storage.blobs.check()
+        require_own_store(storage.database, storage.blobs)
+        leases = HostLeases(storage.database, settings.lease_s, self._scene_id, self._replaced)
+        storage = replace(storage, leases=leases)
+        address_of_node: Any = ray.util.get_node_ip_address  # not typed
+        self._hosts = LocalHosts(storage, self._worker_id, address_of_node(), trains=self._trains)
+        Sweeps(storage, self._hosts.without_jobs).start()
+        threading.Thread(target=self._end_when_unused, daemon=True).start()
+
+    def _opened(self) -> LocalHosts:
+        assert self._hosts is not None
+        return self._hosts
+
+    @contextlib.contextmanager
+    def _in_use(self) -> Iterator[LocalHosts]:
+        with self._lock:
+            self._users += 1
+        try:
+            yield self._opened()
+        finally:
+            with self._lock:
+                self._users -= 1
+            self._used = time.monotonic()
+
+    def _end_when_unused(self) -> None:
+        while True:
+            time.sleep(_LOOK_S)
+            hosts = self._opened()
+            unused_s = time.monotonic() - self._used
+            if unused_s > _UNUSED_S and hosts.idle_s() == math.inf and self.leave():
+                os._exit(0)
+
+    def _close(self) -> None:
+        self._opened().stop()
+        shutil.rmtree(self._opened().folder, ignore_errors=True)
+
+    def _replaced(self) -> NoReturn:
+        _log.warning("replaced by another host", scene=self._scene_id)
+        os._exit(0)  # at once, and its runner with it: the scene has another host
+
+
+@contextlib.contextmanager
+def _own_root() -> Iterator[Path]:
+    """A new folder in this node's ``FVS_ROOT``, locked; those of dead hosts are removed."""
+    root = os.environ.get("FVS_ROOT")
+    hosts = (private_folder("fvs-node") if root is None else Path(root)) / "hosts"
+    with storage_errors(hosts):
+        hosts.mkdir(parents=True, exist_ok=True)
+    for other in hosts.iterdir():
+        with contextlib.suppress(OutputExistsError, StorageError, OSError):
+            if time.time() - other.stat().st_mtime > _LEFT_S:
+                with locked_folder(other):
+                    shutil.rmtree(other, ignore_errors=True)
+    own = hosts / new_id("hst")
+    own.mkdir()
+    with locked_folder(own):
+        yield own
