@@ -2,13 +2,15 @@
 
 python benchmarks/wire_bytes.py
 
-A relay between client and service counts what TCP carries: headers and bodies, without the headers of TCP and
-IP, and without TLS. A client's connection is open when it ranks; the first request on it is a row of its own.
+All goes through Caddy with the configuration of `deploy/proxy`. A relay between client and proxy counts what
+TCP carries, TLS and its handshakes included, without the headers of TCP and IP. A client's connection is open
+when it ranks; the first request on it is a row of its own.
 """
 
 import argparse
 import io
 import json
+import os
 import socket
 import subprocess
 import sys
@@ -32,18 +34,20 @@ from rich.console import Console
 from rich.table import Table
 from service_ranking import photographs_of_a_courtyard, scene_with_model
 
+sys.path.insert(0, str(Path(__file__).resolve().parent.parent / "tests" / "servers"))
+from proxy_server import running_proxy
+
 Rows = dict[str, tuple[int, int]]
 """What was done → bytes up and down."""
 
 
 class CountingRelay:
-    """Passes TCP on to ``host:port``, and counts."""
+    """Passes TCP on to ``port`` of this machine, and counts."""
 
-    def __init__(self, target: str) -> None:
-        host, port = target.rsplit("/", 1)[-1].rsplit(":", 1)
-        self._target = (host, int(port))
+    def __init__(self, port: int) -> None:
+        self._target = ("127.0.0.1", port)
         self._server = socket.create_server(("127.0.0.1", 0))
-        self.address = f"127.0.0.1:{self._server.getsockname()[1]}"
+        self.address = f"localhost:{self._server.getsockname()[1]}"
         self.up = self.down = 0
         threading.Thread(target=self._accept, daemon=True).start()
 
@@ -92,15 +96,18 @@ def main() -> None:
     with tempfile.TemporaryDirectory(prefix="fvs-wire-") as name:
         folder = Path(name)
         photographs = photographs_of_a_courtyard(folder / "courtyard")
-        with running_service(folder / "service", folder / "service.log") as service:
+        with (
+            running_service(folder / "service", folder / "service.log") as service,
+            running_proxy(folder / "proxy", service.url, service.rpc_url) as proxy,
+        ):
+            os.environ["SSL_CERT_FILE"] = str(proxy.authority)
             with Client(service.url) as direct:
                 scene, _ = scene_with_model(direct, photographs)
                 empty = direct.scenes.create("photographs").id
-            with closing(CountingRelay(service.url)) as relay:
+            with closing(CountingRelay(proxy.port)) as relay:
                 _measure_photographs(rows, relay, empty, folder, options.size)
                 _measure_views(rows, relay, scene.id, options.candidates)
-            with closing(CountingRelay(service.rpc_url)) as relay:
-                _measure_calls(rows, relay, scene.id, options.candidates)
+                _measure_calls(rows, relay, proxy.authority, scene.id, options.candidates)
     table = Table("what", "up, B", "down, B")
     for what, (up, down) in rows.items():
         table.add_row(what, f"{up:,}", f"{down:,}")
@@ -112,7 +119,7 @@ def main() -> None:
 
 
 def _measure_photographs(rows: Rows, relay: CountingRelay, scene_id: str, folder: Path, size: int) -> None:
-    url = f"http://{relay.address}"
+    url = f"https://{relay.address}"
     spooled, put = folder / "spooled", folder / "put"
     for number, place in enumerate((spooled, put)):
         place.mkdir()
@@ -134,7 +141,7 @@ def _measure_photographs(rows: Rows, relay: CountingRelay, scene_id: str, folder
 
 
 def _measure_views(rows: Rows, relay: CountingRelay, scene_id: str, count: int) -> None:
-    with Client(f"http://{relay.address}") as client:
+    with Client(f"https://{relay.address}") as client:
         rows["REST: connect, get the scene"] = relay.counted(lambda: client.scenes.get(scene_id))
         scene = client.scenes.get(scene_id)
         orbit = Orbit(count=count)
@@ -149,8 +156,9 @@ def _measure_views(rows: Rows, relay: CountingRelay, scene_id: str, count: int) 
             rows[f"REST: {what}"] = relay.counted(ask)
 
 
-def _measure_calls(rows: Rows, relay: CountingRelay, scene_id: str, count: int) -> None:
-    with grpc.insecure_channel(relay.address) as channel:
+def _measure_calls(rows: Rows, relay: CountingRelay, authority: Path, scene_id: str, count: int) -> None:
+    credentials = grpc.ssl_channel_credentials(authority.read_bytes())
+    with grpc.secure_channel(relay.address, credentials) as channel:
         scenes, views = SceneServiceStub(channel), ViewServiceStub(channel)
         asked = GetSceneRequest(scene_id=scene_id)
         rows["gRPC: connect, get the scene"] = relay.counted(lambda: scenes.GetScene(asked))
