@@ -4,18 +4,28 @@
 #     docker build --target cuda --tag fvs:cuda .
 
 FROM python:3.11-slim-bookworm AS build-cpu
+# hadolint ignore=DL3008
+RUN apt-get update && apt-get install --no-install-recommends --yes binutils \
+    && rm -rf /var/lib/apt/lists/*
 WORKDIR /source
-RUN python -m venv /opt/fvs
+RUN python -m venv --without-pip /opt/fvs
 COPY constraints.txt ./
 # Extra options of pip. PyPI's torch is the CUDA build, several GB larger: name the index of the CPU builds here.
 ARG PIP_OPTIONS=""
 # hadolint ignore=SC2086
-RUN /opt/fvs/bin/pip install --no-cache-dir $PIP_OPTIONS --constraint constraints.txt torch
+RUN pip --python /opt/fvs/bin/python install --no-cache-dir $PIP_OPTIONS --constraint constraints.txt torch
 COPY pyproject.toml README.md LICENSE ./
 COPY fvs_engine fvs_engine
 COPY services services
 COPY clients/python clients/python
-RUN /opt/fvs/bin/pip install --no-cache-dir --constraint constraints.txt ./clients/python ".[otel]"
+RUN pip --python /opt/fvs/bin/python install --no-cache-dir --constraint constraints.txt ./clients/python ".[otel]"
+# What only those need who develop or debug these packages: torch's headers and tests, the tests of others, symbols.
+# (strip destroys some of the other libraries, whose layout was changed after they were linked.)
+RUN cd /opt/fvs/lib/python3.11/site-packages \
+    && rm -rf torch/include torch/test \
+    && find torch/bin -type f ! -name torch_shm_manager -delete \
+    && find . -type d -name tests -prune -exec rm -r {} + \
+    && find torch llvmlite pycolmap fontTools kiwisolver pyproj sqlalchemy -name '*.so' -exec strip --strip-unneeded {} +
 
 FROM python:3.11-slim-bookworm AS build-cuda
 # hadolint ignore=DL3008
