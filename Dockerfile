@@ -1,6 +1,7 @@
-# The service in a container. Two targets: `cpu` (the default) and `cuda`.
+# The service in a container. `cpu` is one machine's, `ray` (cpu and Ray) and `cuda` (with both) are nodes of a cluster, too.
 #
 #     docker build --target cpu --tag fvs:cpu .
+#     docker build --target ray --tag fvs:ray .
 #     docker build --target cuda --tag fvs:cuda .
 
 FROM python:3.11-slim-bookworm AS build-cpu
@@ -53,7 +54,7 @@ COPY fvs_engine fvs_engine
 COPY services services
 COPY clients/python clients/python
 # Triton comes with symbols for debuggers, a quarter of a GB, and with static libraries.
-RUN /opt/fvs/bin/pip install --no-cache-dir --constraint constraints.txt ./clients/python ".[cuda,otel]" \
+RUN /opt/fvs/bin/pip install --no-cache-dir --constraint constraints.txt ./clients/python ".[cuda,otel,ray]" \
     && strip --strip-debug /opt/fvs/lib/python3.11/site-packages/triton/_C/libtriton.so \
     && find /opt/fvs -name '*.a' -delete
 
@@ -84,3 +85,11 @@ ENV NVIDIA_DRIVER_CAPABILITIES=compute,utility TRITON_CACHE_DIR=/var/lib/fvs/cac
 
 FROM service AS cpu
 COPY --from=build-cpu /opt/fvs /opt/fvs
+
+FROM cpu AS ray
+USER 0
+# Without what is for Java and for training by reinforcement.
+RUN --mount=type=bind,source=constraints.txt,target=/tmp/constraints.txt \
+    pip --python /opt/fvs/bin/python install --no-cache-dir --constraint /tmp/constraints.txt "fvs[ray]" \
+    && rm -r /opt/fvs/lib/python3.11/site-packages/ray/jars /opt/fvs/lib/python3.11/site-packages/ray/rllib
+USER 10001

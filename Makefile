@@ -6,6 +6,7 @@
 # make unit       the tests that start no process and read no photograph
 # make test-system  whole flights, services, clients and experiments, from end to end; CI runs them after `make test`
 # make test-slow  the long checks, most of them on real photographs, and the tests in one process with more examples
+# make container-test  builds the images and takes a scene through the compose files, as root on Debian 12, with Podman
 # make coverage   branch coverage of `make test test-system`, with the processes that tests start
 # make docs       the documentation as a site in site/ (make docs && python -m http.server --directory site)
 # make generate   what is made from other code: the synchronous client from clients/python/fvs_client/_async, the
@@ -30,7 +31,7 @@ WORKERS ?= 4
 # Python keeps what it compiled even where the environment forbids it: the tests start many processes.
 export PYTHONDONTWRITEBYTECODE :=
 
-.PHONY: setup demo demo-flight docs test unit check check-console kernels generate lint test-system test-slow coverage bench clean
+.PHONY: setup demo demo-flight docs test unit check check-console kernels generate lint test-system test-slow container-test coverage bench clean
 
 setup: $(INSTALLED) $(GENERATORS)
 
@@ -96,6 +97,9 @@ kernels: setup
 test-slow: setup
 	$(BIN)/python -m pytest -m slow
 	HYPOTHESIS_PROFILE=thorough $(BIN)/python -m pytest -n $(WORKERS) -m "(unit or integration) and not slow"
+
+container-test: setup
+	$(BIN)/python tests/deploy/containers/run.py $(if $(IMAGES),"$(IMAGES)")
 
 # Child processes write their data beside the first one's, wherever they run.
 coverage: export COVERAGE_FILE := $(CURDIR)/.coverage

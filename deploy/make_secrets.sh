@@ -1,5 +1,5 @@
 #!/bin/sh
-# Makes the secrets that docker-compose.yml reads, each in a file of its own; existing ones stay.
+# Makes the secrets that docker-compose.yml and cluster/compose.yml read, each in a file of its own; existing ones stay.
 set -eu
 umask 077
 cd "$(dirname "$0")"
@@ -14,7 +14,8 @@ make blobs-access-key-id fvs
 make blobs-secret-access-key "$(random)"
 keys="{\"accessKey\": \"fvs\", \"secretKey\": \"$(cat secrets/blobs-secret-access-key)\"}"
 make store-identities "{\"identities\": [{\"name\": \"fvs\", \"credentials\": [$keys], \"actions\": [\"Admin\"]}]}"
+make ray-token "$(random)"
 make grafana-password "$(random)"
-make metrics-key "replace this by a key: docker compose run --rm gateway keys create prometheus --scope read"
+make metrics-key "replace this by a key: docker compose run --rm fvs keys create prometheus --scope read"
 # Compose mounts each file by itself, with its mode, into the containers that name it; there users of their own read it.
 chmod 644 secrets/*
