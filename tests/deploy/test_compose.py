@@ -122,7 +122,7 @@ def test_ports_match() -> None:
         ports = [service["environment"][f"FVS_{port}"] for port in ("PORT", "GRPC_PORT")]
         assert exposed.split() == ports
         assert [proxy["PROXY_REST"], proxy["PROXY_GRPC"]] == [f"{name} {port}" for port in ports]
-        assert f":{ports[0]}/livez" in service["healthcheck"]["test"][-1]
+        assert f":{ports[0]}/livez" in service["healthcheck"]["test"]
         aliases = service.get("networks", {}).get("default", {}).get("aliases", [name])
         assert (scraped["names"], str(scraped["port"])) == (aliases, ports[0])
     services = _COMPOSE["cluster"]["services"]
