@@ -35,6 +35,8 @@ from fvs_service.storage.tables import IdentityRow
 _TURNS_AT_ONCE = 256
 _PATIENCE_S = 3.0
 """How long a turn waits for a place on a node before it goes back into the queue."""
+_PLACES = 3
+"""A host is placed again where it cannot work: Ray may not know yet that a node is dead."""
 _POLL_S = 0.5
 _LOOK_S = 1.0
 _SILENT_S = 15.0
@@ -184,15 +186,19 @@ class ClusterHosts:
                 if not self._leave(scene_id, host):
                     return WaitReason.NODE
                 host = None
-            if host is None:
-                host = self._create(scene_id, need)
-            host.wanted = time.monotonic()
             until = time.monotonic() + _PATIENCE_S
-            while not self._is_placed(host):
-                if time.monotonic() > until:
-                    return self._lacks(need)
-                self._make_room(need)
-            return host if self._works(scene_id, host) else WaitReason.CLUSTER
+            for _ in range(_PLACES):
+                if host is None:
+                    host = self._create(scene_id, need)
+                host.wanted = time.monotonic()
+                while not self._is_placed(host):
+                    if time.monotonic() > until:
+                        return self._lacks(need)
+                    self._make_room(need)
+                if self._works(scene_id, host):
+                    return host
+                host = None
+            return WaitReason.CLUSTER
 
     def _create(self, scene_id: str, need: Resources) -> _Host:
         """Have Ray place a new host; one with the same name, which nobody knows here, is killed."""

@@ -1,0 +1,115 @@
+"""The parts of hosts on a cluster that need no cluster: fencing, resources, settings, reasons to wait."""
+
+from pathlib import Path
+from typing import NoReturn
+
+import pytest
+from fvs_service.errors import StaleLeaseError
+from fvs_service.host.cluster.leases import HostLeases
+from fvs_service.host.cluster.resources import Resources, need_to_rank
+from fvs_service.jobs.order import OpenJob, Order, Place
+from fvs_service.jobs.waiting import Workers, why_it_waits
+from fvs_service.principal import LOCAL_USER
+from fvs_service.scenes.lease import require_lease
+from fvs_service.scenes.service import Scenes
+from fvs_service.settings import BlobSettings, Settings, WorkerSettings
+from fvs_service.storage.database import Database
+from pydantic import ValidationError
+
+from fvs_schema.jobs import JobKind, WaitReason
+from fvs_schema.scenes import SceneRequest
+from fvs_schema.service import Limits
+
+
+class _ReplacedError(Exception):
+    """The host would end now."""
+
+
+def _replaced() -> NoReturn:
+    raise _ReplacedError
+
+
+@pytest.fixture
+def scene_of(tmp_path: Path) -> tuple[Database, str]:
+    database = Database(f"sqlite:///{tmp_path / 'fvs.sqlite3'}")
+    database.migrate()
+    return database, Scenes(database, Limits()).create(LOCAL_USER, SceneRequest(name="yard")).id
+
+
+def test_a_new_host_takes_the_lease_at_once_and_the_old_one_ends(scene_of: tuple[Database, str]) -> None:
+    database, scene = scene_of
+    old = HostLeases(database, 20.0, scene, _replaced)
+    lease = old.acquire(scene, "cluster")
+    assert lease is not None
+    new = HostLeases(database, 20.0, scene, _replaced)
+    newer = new.acquire(scene, "cluster")
+    assert newer is not None
+    assert newer.token > lease.token
+    with pytest.raises(StaleLeaseError), database.writing() as session:
+        require_lease(session, lease)
+    for attempt in (lambda: old.extend(lease), lambda: old.acquire(scene, "cluster")):
+        with pytest.raises(_ReplacedError):
+            attempt()
+    assert new.extend(newer).token == newer.token
+
+
+def test_a_host_that_wakes_up_before_its_first_lease_does_not_take_it_from_a_newer_one(
+    scene_of: tuple[Database, str],
+) -> None:
+    database, scene = scene_of
+    frozen, awake = (HostLeases(database, 20.0, scene, _replaced) for _ in range(2))
+    assert awake.acquire(scene, "cluster") is not None
+    with pytest.raises(_ReplacedError):
+        frozen.acquire(scene, "cluster")
+
+
+def test_a_host_leases_its_scene_again_after_it_has_released_it(scene_of: tuple[Database, str]) -> None:
+    database, scene = scene_of
+    leases = HostLeases(database, 20.0, scene, _replaced)
+    first = leases.acquire(scene, "cluster")
+    assert first is not None
+    leases.release(first)
+    second = leases.acquire(scene, "cluster")
+    assert second is not None
+    assert second.token > first.token
+
+
+def test_a_scene_takes_memory_in_powers_of_two_and_ranks_without_a_gpu() -> None:
+    need = need_to_rank(WorkerSettings(threads=3), 1_500_000_000)
+    assert need == Resources(cpus=3, gpus=0.0, memory_bytes=2 << 30)
+    assert need_to_rank(WorkerSettings(), 1).memory_bytes == 1 << 30
+
+
+@pytest.mark.parametrize("lacking", [Resources(1, 1, 4), Resources(2, 0.5, 4), Resources(2, 1, 3)])
+def test_resources_cover_a_need_only_if_none_is_short(lacking: Resources) -> None:
+    need = Resources(2, 1, 4)
+    assert need.cover(need)
+    assert not lacking.cover(need)
+
+
+def test_a_cluster_needs_a_database_and_a_store_that_its_nodes_reach() -> None:
+    blobs = BlobSettings(url="s3://bucket")
+    assert Settings(cluster="auto", database_url="postgresql://x", blobs=blobs).cluster == "auto"
+    for given in ({"blobs": blobs}, {"database_url": "postgresql://x"}):
+        with pytest.raises(ValidationError, match="FVS_DATABASE_URL"):
+            Settings(cluster="auto", **given)
+
+
+@pytest.mark.parametrize(
+    ("obstacle", "workers", "reason"),
+    [
+        (None, Workers(alive=1, slots=0, slots_with_room=0), WaitReason.CLUSTER),
+        (None, Workers(alive=0, slots=0, slots_with_room=0), WaitReason.NO_WORKER),
+        (WaitReason.NO_NODE, Workers(alive=1, slots=2, slots_with_room=2), WaitReason.NO_NODE),
+        (WaitReason.GPU, Workers(alive=1, slots=2, slots_with_room=2), WaitReason.GPU),
+    ],
+)
+def test_a_job_without_a_place_says_what_the_cluster_lacks(
+    obstacle: WaitReason | None, workers: Workers, reason: WaitReason
+) -> None:
+    job = OpenJob("job", "tenant", "scene", JobKind.UPDATE, waiting_since_ms=0)
+    order = Order(jobs=(job,), tenants_served_ms={}, limit=4, turn_ms=30_000, now_ms=1)
+    waiting = why_it_waits(Place(job, 1, obstacle), order, workers, {JobKind.UPDATE: 10.0})
+    assert waiting.reason is reason
+    assert waiting.message
+    assert (waiting.eta_s is None) is (reason is not WaitReason.GPU)
