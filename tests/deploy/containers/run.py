@@ -118,7 +118,7 @@ def _rank(scene: Scene) -> Ranking:
 
 
 def _running_fine_job(client: Client, scene_id: str) -> Job:
-    job = client.scenes.get(scene_id).fine(iterations=1_500, long_side_px=480)
+    job = client.scenes.get(scene_id).fine(iterations=1_000, long_side_px=480)
     until = time.monotonic() + _JOB_S
     while job.state is not JobState.RUNNING:
         assert time.monotonic() < until, job
