@@ -1,4 +1,4 @@
-"""The environment as a source of settings, besides the plain values that pydantic-settings reads."""
+"""The environment as a source of settings."""
 
 import os
 from collections.abc import Iterator, Mapping
@@ -33,6 +33,14 @@ def variables_of(model: type[BaseModel], prefix: str = PREFIX) -> Iterator[str]:
 def _inner(field: FieldInfo) -> type[BaseModel] | None:
     kind = field.annotation
     return kind if isinstance(kind, type) and issubclass(kind, BaseModel) else None
+
+
+class ValuesOfEnvironment(EnvSettingsSource):
+    """Values of variables, except those that name files: a nested model would refuse their names."""
+
+    def _load_env_vars(self) -> Mapping[str, Any]:
+        values = super()._load_env_vars()
+        return {name: value for name, value in values.items() if not name.upper().endswith(_FILE)}
 
 
 class FilesOfEnvironment(EnvSettingsSource):

@@ -13,7 +13,12 @@ from pydantic_settings import (
 
 from fvs_engine.records import Record
 from fvs_schema.service import Limits
-from fvs_service.environment import PREFIX, FilesOfEnvironment, UnknownOfEnvironment
+from fvs_service.environment import (
+    PREFIX,
+    FilesOfEnvironment,
+    UnknownOfEnvironment,
+    ValuesOfEnvironment,
+)
 from fvs_service.host_names import host_of, is_loopback, name_or_network, web_origin
 
 GPU_MEMORY = "fvs-gpu-memory"
@@ -236,13 +241,13 @@ class Settings(BaseSettings):
         cls,
         settings_cls: type[BaseSettings],
         init_settings: PydanticBaseSettingsSource,
-        env_settings: PydanticBaseSettingsSource,
-        dotenv_settings: PydanticBaseSettingsSource,  # noqa: ARG003 - the names are the base class's
+        env_settings: PydanticBaseSettingsSource,  # noqa: ARG003 - the names are the base class's
+        dotenv_settings: PydanticBaseSettingsSource,  # noqa: ARG003
         file_secret_settings: PydanticBaseSettingsSource,  # noqa: ARG003
     ) -> tuple[PydanticBaseSettingsSource, ...]:
         """Values from code, from the environment, from files that the environment names."""
-        files, unknown = FilesOfEnvironment(settings_cls), UnknownOfEnvironment(settings_cls)
-        return init_settings, env_settings, files, unknown
+        values, files = ValuesOfEnvironment(settings_cls), FilesOfEnvironment(settings_cls)
+        return init_settings, values, files, UnknownOfEnvironment(settings_cls)
 
     @field_validator("cluster")
     @classmethod

@@ -103,6 +103,19 @@ def test_a_misspelt_variable_is_refused_with_the_nearest_name(
     )
 
 
+@pytest.mark.parametrize("nested", [True, False])
+def test_a_file_has_the_value_of_a_variable(
+    nested: bool, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    (tmp_path / "secret").write_text("postgresql://secret\n")
+    monkeypatch.setenv("FVS_BLOBS__URL", "s3://bucket")
+    name = "FVS_BLOBS__SECRET_ACCESS_KEY" if nested else "FVS_DATABASE_URL"
+    monkeypatch.setenv(f"{name}_FILE", str(tmp_path / "secret"))
+    settings = Settings()
+    assert (settings.blobs.secret_access_key if nested else settings.database_url) == "postgresql://secret"
+    assert settings.blobs.url == "s3://bucket"
+
+
 def test_a_misspelt_variable_for_a_file_is_refused(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     (tmp_path / "secret").write_text("secret")
     monkeypatch.setenv("FVS_DATABASE_ULR_FILE", str(tmp_path / "secret"))

@@ -112,7 +112,8 @@ class Deployment:
     ) -> None:
         if error is not None:
             print(self.run("ps"), self.run("logs", "--no-color", "--tail=60"), sep="\n")
-        self.run("down", "--volumes", "--timeout=40")
+        podman("rm", "--force", "--all")
+        self.run("down", "--volumes")
 
     def run(self, *arguments: str) -> str:
         """Run a command of Compose, and return what it printed on standard output."""
