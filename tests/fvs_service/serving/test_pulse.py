@@ -115,8 +115,8 @@ def test_a_gateway_that_hangs_is_restarted(tmp_path: Path) -> None:
 @pytest.mark.process
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="looks for the worker in /proc")
 def test_a_worker_that_hangs_is_restarted(tmp_path: Path) -> None:
-    command = [sys.executable, "-c", _SERVICE, str(tmp_path), "worker"]
-    with subprocess.Popen(command, stderr=subprocess.PIPE, text=True) as process:
+    command = [sys.executable, "-c", _SERVICE, str(tmp_path), "all"]
+    with subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.PIPE, text=True) as process:
         assert process.stderr is not None
         try:
             _read_until(process.stderr, "worker ready")

@@ -120,6 +120,24 @@ def _fvs(*arguments: str) -> Result:
     return CliRunner().invoke(app, arguments)
 
 
+def test_a_worker_without_a_cluster_and_a_cluster_without_ray_are_refused_with_the_remedy(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    worker = ("serve", "--role", "worker", "--root", str(tmp_path / "service"))
+    refused = _fvs(*worker)
+    assert refused.exit_code != 0
+    assert "FVS_CLUSTER" in refused.stderr
+
+    monkeypatch.setenv("FVS_CLUSTER", "ray://head.example:10001")
+    monkeypatch.setenv("FVS_DATABASE_URL", "postgresql://fvs@database.example/fvs")
+    monkeypatch.setenv("FVS_BLOBS__URL", "s3://bucket")
+    monkeypatch.setattr("fvs_service.serving.supervisor.find_spec", lambda _name: None)
+    refused = _fvs(*worker)
+    assert refused.exit_code != 0
+    assert "fvs[ray]" in refused.stderr
+    assert not (tmp_path / "service").exists()
+
+
 @pytest.mark.parametrize(("variable", "host"), [("HOST", "0.0.0.0"), ("ALLOWED_HOSTS", "ground.example")])
 def test_where_others_get_in_a_service_without_a_key_does_not_start(
     variable: str, host: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
