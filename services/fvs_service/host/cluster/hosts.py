@@ -3,7 +3,6 @@
 import contextlib
 import math
 import os
-import random
 import threading
 import time
 from contextlib import AbstractContextManager
@@ -14,8 +13,7 @@ from weakref import WeakValueDictionary
 
 import ray
 import structlog
-from ray.exceptions import GetTimeoutError, RayActorError, RayTaskError
-from ray.util.scheduling_strategies import NodeAffinitySchedulingStrategy
+from ray.exceptions import ActorUnavailableError, GetTimeoutError, RayActorError, RayTaskError
 from sqlalchemy import select
 from sqlalchemy.exc import SQLAlchemyError
 
@@ -50,8 +48,10 @@ _IDLE_S = 5.0
 """A host that was idle for this long makes room for one that waits for a place."""
 _WANTED_S = 60.0
 """A host that waits for a place is given up after this time, unless its scene has an open job."""
+_DEAF_S = 20.0
+"""A host that has answered nothing for this long is killed, and placed again if it has a turn."""
 _AVOIDED_S = 60.0
-"""For how long no host is placed on a node that cannot work, as one that lacks the object store."""
+"""For how long no host is placed on a node that cannot work: it lacks the object store, or may be dead."""
 
 _log = structlog.get_logger()
 
@@ -68,6 +68,8 @@ class _Host:
     turns: int = 0
     wanted: float = field(default_factory=time.monotonic)
     status: HostStatus | None = None
+    answered: float = field(default_factory=time.monotonic)
+    """When it last answered, or got its place."""
 
     @property
     def idle_s(self) -> float:
@@ -107,12 +109,11 @@ class ClusterHosts:
             try:
                 obstacle = self._run_on(host, turn, lost)
             except RayActorError as error:
-                _log.warning("host lost", scene=turn.scene_id, node=host.node_id, reason=_line(error))
-                self._forget(turn.scene_id, host)
+                self._lose(turn.scene_id, host, error)
                 progress = self._progress(turn)
                 if progress > reached:
                     lost, reached = 0, progress
-                if any(node["NodeID"] == host.node_id for node in alive_nodes()):
+                if self._is_alive(host):
                     lost += 1  # the loss of a node is not the job's fault
             else:
                 if any(other.node_id is None for other in list(self._hosts.values())):
@@ -131,8 +132,7 @@ class ClusterHosts:
         try:
             ray.get(host.actor.start_runner.remote())
         except RayActorError as error:
-            _log.warning("host lost", scene=scene_id, node=host.node_id, reason=_line(error))
-            self._forget(scene_id, host)
+            self._lose(scene_id, host, error)
 
     @property
     def status(self) -> HostsStatus:
@@ -208,7 +208,7 @@ class ClusterHosts:
             "namespace": self._namespace,
             "lifetime": "detached",
             "max_concurrency": _CALLS_AT_ONCE,
-            "scheduling_strategy": self._strategy(need),
+            "label_selector": self._labels(need),
         }
         worker = self._settings.worker
         trains = need.gpus >= (worker.gpus if worker.gpus is not None else self._gpus)
@@ -222,15 +222,14 @@ class ClusterHosts:
             self._hosts[scene_id] = host
         return host
 
-    def _strategy(self, need: Resources) -> Any:
-        """Ray's default, unless a node is to be avoided: then another one that has what is needed."""
+    def _labels(self, need: Resources) -> dict[str, str]:
+        """The labels of nodes that need not be avoided; all nodes if no other one has what is needed."""
         now = time.monotonic()
         avoided = {node for node, since in list(self._avoided.items()) if now - since < _AVOIDED_S}
-        fitting = [node for node in alive_nodes() if Resources.of_node(node).cover(need)]
-        good = [node["NodeID"] for node in fitting if node["NodeID"] not in avoided]
-        if len(good) == len(fitting) or not good:
-            return "DEFAULT"
-        return NodeAffinitySchedulingStrategy(random.choice(good), soft=False)
+        fitting = {node["NodeID"] for node in alive_nodes() if Resources.of_node(node).cover(need)}
+        if not avoided & fitting or fitting <= avoided:
+            return {}
+        return {"ray.io/node-id": f"!in({','.join(avoided & fitting)})"}
 
     def _is_placed(self, host: _Host) -> bool:
         done, _ = ray.wait([host.opened], timeout=_POLL_S)
@@ -251,7 +250,7 @@ class ClusterHosts:
             self._avoided[opened.node_id] = time.monotonic()
             self._forget(scene_id, host)
             return False
-        host.node_id = opened.node_id
+        host.node_id, host.answered = opened.node_id, time.monotonic()
         _log.info("host placed", scene=scene_id, node=opened.node_id, **host.resources.options)
         return True
 
@@ -286,6 +285,19 @@ class ClusterHosts:
                 _log.warning("host lost", scene=scene_id, node=host.node_id, reason=_line(error))
         self._forget(scene_id, host)
         return True
+
+    def _lose(self, scene_id: str, host: _Host, error: RayActorError) -> None:
+        """Forget a host that does not answer. Where it cannot be reached, Ray may soon find its node dead."""
+        _log.warning("host lost", scene=scene_id, node=host.node_id, reason=_line(error))
+        if isinstance(error, ActorUnavailableError) and host.node_id is not None:
+            self._avoided[host.node_id] = time.monotonic()
+        self._forget(scene_id, host)
+
+    def _is_alive(self, host: _Host) -> bool:
+        """Whether the node of a host is alive, as far as is known."""
+        return host.node_id not in self._avoided and any(
+            node["NodeID"] == host.node_id for node in alive_nodes()
+        )
 
     def _forget(self, scene_id: str, host: _Host) -> None:
         """Kill a host, dead or alive, or withdraw it while it waits for a place."""
@@ -360,6 +372,7 @@ class ClusterHosts:
         answered, _ = ray.wait(list(asked), num_returns=len(asked), timeout=_LOOK_S) if asked else ([], [])
         for reference in answered:
             scene_id, host = asked[reference]
+            host.answered = time.monotonic()
             try:
                 host.status = ray.get(reference)
             except RayActorError:
@@ -367,6 +380,10 @@ class ClusterHosts:
                     self._forget(scene_id, host)
             except RayTaskError as error:  # its database is away
                 _log.warning("host without status", scene=scene_id, reason=_line(error))
+        for scene_id, host in asked.values():
+            if time.monotonic() - host.answered > _DEAF_S:  # Ray does not ask whether actors answer
+                _log.warning("host killed, it does not answer", scene=scene_id, node=host.node_id)
+                self._forget(scene_id, host)  # which ends the turn that runs on it
 
     def _look_at_waiting(self, scene_id: str, host: _Host) -> None:
         """Let the scene's job have its turn once the host has a place; withdraw one that nobody wants."""
