@@ -6,6 +6,7 @@ import sys
 from contextlib import ExitStack
 from pathlib import Path
 
+from fvs_service.serving.process_tree import command_of, descendants
 from object_store_server import ACCESS_KEY_ID, SECRET_ACCESS_KEY, ObjectStoreServer
 from postgresql_server import PostgresqlServer
 from ray_cluster import RayCluster
@@ -74,6 +75,11 @@ class FvsCluster:
         """Add a node, which is starting."""
         self.ray.add_node(self._cpus, memory_bytes=self._cpus << 30)
 
+    def workers(self) -> list[int]:
+        """The id of the dispatcher's worker process."""
+        found = descendants(self.dispatcher.pid)
+        return [pid for pid in found if "serving.process worker" in command_of(pid)]
+
     def restart_lost(self) -> None:
         """Start every machine of the cluster again that has ended, as an init system does."""
         for machine in (self.ray.head, *self.ray.nodes):
@@ -87,6 +93,6 @@ class FvsCluster:
             process = subprocess.Popen(
                 command, stdout=subprocess.PIPE, stderr=log, text=True, env={**os.environ, **self.settings}
             )
-        self._stack.callback(process.wait)
+        self._stack.enter_context(process)
         self._stack.callback(process.terminate)
         return process
