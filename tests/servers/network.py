@@ -57,6 +57,7 @@ class Network:
 
     def __exit__(self, *_: object) -> None:
         for host in self._hosts:
+            _ip("link", "delete", host._outside)  # a namespace may live on with a process that is dying
             _ip("netns", "delete", host.namespace)
         _ip("link", "delete", self._bridge)
 
