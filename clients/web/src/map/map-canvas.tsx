@@ -11,12 +11,14 @@ export function MapCanvas({ map }: { map: MapState }) {
   useEffect(() => {
     const canvas = element.current as HTMLCanvasElement;
     const area = canvas.parentElement as HTMLElement;
-    const observer = new ResizeObserver(() => {
+    const measure = () => {
       const { clientWidth, clientHeight } = canvas;
       canvas.width = clientWidth * devicePixelRatio;
       canvas.height = clientHeight * devicePixelRatio;
       map.resize(clientWidth, clientHeight);
-    });
+    };
+    measure(); // the observer comes with the next frame: keys may be pressed before
+    const observer = new ResizeObserver(measure);
     observer.observe(canvas);
     const stopListening = listen(area, map);
     const stopPainting = paintOnChange(canvas, map);
