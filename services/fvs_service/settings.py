@@ -1,5 +1,6 @@
 """The settings of the service: one frozen object."""
 
+import re
 from pathlib import Path
 from typing import Annotated
 
@@ -135,6 +136,7 @@ class Retention(Record):
     """Number of days for which an idempotency key is kept: a repeated request creates nothing new."""
 
 
+_CLUSTER = re.compile(r"auto|ray://[A-Za-z0-9._-]+:[0-9]{1,5}")
 _TILES = r"^https?://([A-Za-z0-9._-]+|\[[0-9A-Fa-f:.]+\])(:[0-9]{1,5})?/\S*\{z\}\S*$"
 """The host becomes part of a header, in which other characters would have a meaning."""
 
@@ -180,7 +182,7 @@ class Settings(BaseSettings):
     )
     """URL of a PostgreSQL database; without it, SQLite in the root."""
     blobs: BlobSettings = BlobSettings()
-    cluster: str | None = Field(default=None, pattern=r"^(auto|ray://[A-Za-z0-9._-]+(:[0-9]{1,5})?)$")
+    cluster: str | None = Field(default=None)
     """Ray cluster whose nodes run the jobs: ``ray://host:10001``, or ``auto`` on a machine that is one of
     them. It needs PostgreSQL, an object store, and the extra ``fvs[ray]``."""
     host: str = "127.0.0.1"
@@ -252,10 +254,12 @@ class Settings(BaseSettings):
     @field_validator("cluster")
     @classmethod
     def _reaches_the_data(cls, cluster: str | None, known: ValidationInfo) -> str | None:
+        if cluster is None:
+            return None
+        if not _CLUSTER.fullmatch(cluster):
+            raise ValueError("a cluster is `auto`, or `ray://host:10001`, the port of Ray's client server")
         database, blobs = known.data.get("database_url"), known.data.get("blobs")
-        if cluster is not None and (
-            not (database or "").startswith("postgres") or blobs is None or blobs.url is None
-        ):
+        if not (database or "").startswith("postgres") or blobs is None or blobs.url is None:
             raise ValueError("a cluster needs FVS_DATABASE_URL of PostgreSQL and FVS_BLOBS__URL")
         return cluster
 

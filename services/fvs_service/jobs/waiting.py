@@ -64,8 +64,8 @@ def why_it_waits(
     if workers.slots == 0:  # a worker without slots waits for its cluster
         reason = WaitReason.CLUSTER if workers.alive else WaitReason.NO_WORKER
         message = _MESSAGES[reason]
-    elif place.obstacle is not None:
-        reason, message = place.obstacle, _MESSAGES[place.obstacle]
+    elif (obstacle := place.obstacle or place.job.obstacle) is not None:  # the job's: in its last turn
+        reason, message = obstacle, _MESSAGES[obstacle]
     elif workers.slots_with_room == 0:
         reason, message = WaitReason.DISK, _MESSAGES[WaitReason.DISK]
     else:

@@ -1,12 +1,15 @@
 """The parts of hosts on a cluster that need no cluster: fencing, resources, settings, reasons to wait."""
 
 from pathlib import Path
-from typing import NoReturn
+from typing import Any, NoReturn
+from unittest.mock import Mock
 
 import pytest
 from fvs_service.errors import StaleLeaseError
+from fvs_service.host.cluster.connection import ClusterUnavailableError, connect, origin, plain
 from fvs_service.host.cluster.leases import HostLeases
 from fvs_service.host.cluster.resources import Resources, need_to_rank
+from fvs_service.host.cluster.scene_host import SceneHost
 from fvs_service.jobs.order import OpenJob, Order, Place
 from fvs_service.jobs.waiting import Workers, why_it_waits
 from fvs_service.principal import LOCAL_USER
@@ -15,6 +18,7 @@ from fvs_service.scenes.service import Scenes
 from fvs_service.settings import BlobSettings, Settings, WorkerSettings
 from fvs_service.storage.database import Database
 from pydantic import ValidationError
+from ray.exceptions import ActorDiedError, RayTaskError
 
 from fvs_schema.jobs import JobKind, WaitReason
 from fvs_schema.scenes import SceneRequest
@@ -93,6 +97,57 @@ def test_a_cluster_needs_a_database_and_a_store_that_its_nodes_reach() -> None:
     for given in ({"blobs": blobs}, {"database_url": "postgresql://x"}):
         with pytest.raises(ValidationError, match="FVS_DATABASE_URL"):
             Settings(cluster="auto", **given)
+    for address in ("ray://head", "http://head:10001", "head:6379", ""):
+        with pytest.raises(ValidationError, match="ray://host:10001"):
+            Settings(cluster=address, database_url="postgresql://x", blobs=blobs)
+
+
+@pytest.mark.parametrize(
+    ("error", "says", "remedy"),
+    [
+        (RuntimeError("Version mismatch: The cluster has:\n    Ray: 2.53.0"), "2.53.0", "same versions"),
+        (ConnectionError("ray client connection timeout"), "timeout", "RAY_AUTH_TOKEN_PATH"),
+        (ConnectionError("Failure:\nTraceback (most recent call last):\n  …\nOSError: no\n"), "no", "10001"),
+    ],
+)
+def test_a_cluster_that_cannot_be_used_is_reported_in_a_line_with_the_remedy(
+    error: Exception, says: str, remedy: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def init(*_: object, **__: object) -> None:
+        raise error
+
+    monkeypatch.setattr("ray.init", init)
+    with pytest.raises(ClusterUnavailableError) as refused:
+        connect("ray://head:10001", "fvs")
+    assert "ray://head:10001" in refused.value.message
+    assert says in refused.value.message
+    assert "\n" not in refused.value.message
+    assert "Traceback" not in refused.value.message
+    assert remedy in refused.value.hint
+
+
+def test_the_error_of_a_host_that_cannot_start_names_the_node_and_the_reason() -> None:
+    trace = "\x1b[36mray::SceneHost.__init__() (pid=1, ip=10.1.2.3, actor_id=f0)\n\nModuleNotFoundError: no"
+    task_error: Any = RayTaskError  # not typed
+    error = ActorDiedError(task_error("__init__", trace, ModuleNotFoundError(), "ray", 1, "10.1.2.3"))
+    assert plain(error) == "ModuleNotFoundError: no"
+    assert origin(error) == "10.1.2.3"
+
+
+def test_a_host_refuses_a_dispatcher_of_another_version(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ray.get_runtime_context", lambda: Mock(get_node_id=lambda: "node"))
+    host = SceneHost("scene", "cluster", Settings(), Resources(1, 0, 1), trains=True)
+    refusal = host.open("0.0.1").refusal
+    assert "0.0.1" in refusal
+    assert "same version" in refusal
+
+
+def test_a_job_that_lacked_something_in_its_last_turn_says_so_until_the_next() -> None:
+    job = OpenJob("job", "tenant", "scene", JobKind.UPDATE, waiting_since_ms=0, obstacle=WaitReason.CLUSTER)
+    order = Order(jobs=(job,), tenants_served_ms={}, limit=4, turn_ms=30_000, now_ms=1)
+    (place,) = order.line
+    waiting = why_it_waits(place, order, Workers(1, 2, 2), {JobKind.UPDATE: 10.0})
+    assert waiting.reason is WaitReason.CLUSTER
 
 
 @pytest.mark.parametrize(

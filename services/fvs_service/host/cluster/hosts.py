@@ -1,6 +1,7 @@
 """The hosts of all scenes on the cluster, as the dispatcher sees them: it places them, and calls them."""
 
 import contextlib
+import importlib.metadata
 import math
 import os
 import threading
@@ -20,7 +21,13 @@ from sqlalchemy.exc import SQLAlchemyError
 from fvs_schema.jobs import WaitReason
 from fvs_service.application import Storage
 from fvs_service.errors import NotFoundError, ServiceError, StorageUnavailableError
-from fvs_service.host.cluster.connection import ClusterUnavailableError, alive_nodes, connect
+from fvs_service.host.cluster.connection import (
+    ClusterUnavailableError,
+    alive_nodes,
+    connect,
+    origin,
+    plain,
+)
 from fvs_service.host.cluster.resources import Resources, cpus_of, need_of, need_to_rank
 from fvs_service.host.cluster.scene_host import HostOpened, HostStatus, SceneHost
 from fvs_service.host.worker.deleted_images import unless_locked
@@ -52,6 +59,8 @@ _DEAF_S = 20.0
 """A host that has answered nothing for this long is killed, and placed again if it has a turn."""
 _AVOIDED_S = 60.0
 """For how long no host is placed on a node that cannot work: it lacks the object store, or may be dead."""
+_VERSION = importlib.metadata.version("fvs")
+_SAME_VERSIONS = "Install the same versions of fvs[ray], Ray and Python on all nodes as on the dispatcher."
 
 _log = structlog.get_logger()
 
@@ -217,19 +226,25 @@ class ClusterHosts:
         with contextlib.suppress(ValueError):  # there is none
             ray.kill(ray.get_actor(scene_id, self._namespace))
         actor = remote.options(**options).remote(*arguments, trains=trains)
-        host = _Host(actor, need, actor.open.remote())
+        host = _Host(actor, need, actor.open.remote(_VERSION))
         with self._lock:
             self._hosts[scene_id] = host
         return host
 
     def _labels(self, need: Resources) -> dict[str, str]:
         """The labels of nodes that need not be avoided; all nodes if no other one has what is needed."""
-        now = time.monotonic()
-        avoided = {node for node, since in list(self._avoided.items()) if now - since < _AVOIDED_S}
-        fitting = {node["NodeID"] for node in alive_nodes() if Resources.of_node(node).cover(need)}
+        avoided, fitting = self._avoided_now(), self._fitting(need)
         if not avoided & fitting or fitting <= avoided:
             return {}
         return {"ray.io/node-id": f"!in({','.join(avoided & fitting)})"}
+
+    def _avoided_now(self) -> set[str]:
+        now = time.monotonic()
+        return {node for node, since in list(self._avoided.items()) if now - since < _AVOIDED_S}
+
+    def _fitting(self, need: Resources) -> set[str]:
+        """The nodes that are alive and have what is needed, in use or not."""
+        return {node["NodeID"] for node in alive_nodes() if Resources.of_node(node).cover(need)}
 
     def _is_placed(self, host: _Host) -> bool:
         done, _ = ray.wait([host.opened], timeout=_POLL_S)
@@ -241,8 +256,17 @@ class ClusterHosts:
             return True
         try:
             opened: HostOpened = ray.get(host.opened)
-        except Exception as error:  # the service is not installed there, or has another version
-            _log.error("host cannot start", scene=scene_id, reason=_line(error))
+        except Exception as error:
+            if isinstance(error, RayActorError) and not error.actor_init_failed:
+                self._lose(scene_id, host, error)
+                return False
+            address = origin(error)  # where the service is not installed, or has another version
+            _log.error(
+                "host cannot start", scene=scene_id, address=address, reason=plain(error), hint=_SAME_VERSIONS
+            )
+            for node in alive_nodes():
+                if node["NodeManagerAddress"] == address:
+                    self._avoided[node["NodeID"]] = time.monotonic()
             self._forget(scene_id, host)
             return False
         if opened.refusal:
@@ -255,8 +279,11 @@ class ClusterHosts:
         return True
 
     def _lacks(self, need: Resources) -> WaitReason:
-        if not any(Resources.of_node(node).cover(need) for node in alive_nodes()):
+        fitting = self._fitting(need)
+        if not fitting:
             return WaitReason.NO_NODE
+        if fitting <= self._avoided_now():
+            return WaitReason.CLUSTER
         return WaitReason.GPU if need.gpus else WaitReason.NODE
 
     def _make_room(self, need: Resources) -> None:
@@ -282,13 +309,13 @@ class ClusterHosts:
                 if not ray.get(host.actor.leave.remote(), timeout=_LEAVE_S):
                     return False
             except (RayActorError, GetTimeoutError) as error:
-                _log.warning("host lost", scene=scene_id, node=host.node_id, reason=_line(error))
+                _log.warning("host lost", scene=scene_id, node=host.node_id, reason=plain(error))
         self._forget(scene_id, host)
         return True
 
     def _lose(self, scene_id: str, host: _Host, error: RayActorError) -> None:
         """Forget a host that does not answer. Where it cannot be reached, Ray may soon find its node dead."""
-        _log.warning("host lost", scene=scene_id, node=host.node_id, reason=_line(error))
+        _log.warning("host lost", scene=scene_id, node=host.node_id, reason=plain(error))
         if isinstance(error, ActorUnavailableError) and host.node_id is not None:
             self._avoided[host.node_id] = time.monotonic()
         self._forget(scene_id, host)
@@ -349,7 +376,7 @@ class ClusterHosts:
                 except (RayActorError, GetTimeoutError):
                     ray.kill(actor)
                 else:
-                    self._hosts[scene_id] = _Host(actor, resources, actor.open.remote())
+                    self._hosts[scene_id] = _Host(actor, resources, actor.open.remote(_VERSION))
 
     def _look_at_nodes(self) -> None:
         nodes = [Resources.of_node(node) for node in alive_nodes()]
@@ -379,7 +406,7 @@ class ClusterHosts:
                 if not host.turns:
                     self._forget(scene_id, host)
             except RayTaskError as error:  # its database is away
-                _log.warning("host without status", scene=scene_id, reason=_line(error))
+                _log.warning("host without status", scene=scene_id, reason=plain(error))
         for scene_id, host in asked.values():
             if time.monotonic() - host.answered > _DEAF_S:  # Ray does not ask whether actors answer
                 _log.warning("host killed, it does not answer", scene=scene_id, node=host.node_id)
@@ -405,8 +432,3 @@ class ClusterHosts:
         """The scene's lock; it is deleted when no thread holds it."""
         with self._lock:
             return self._scene_locks.setdefault(scene_id, threading.Lock())
-
-
-def _line(error: Exception) -> str:
-    """The first line of one of Ray's errors, which may have pages."""
-    return str(error).strip().partition("\n")[0]

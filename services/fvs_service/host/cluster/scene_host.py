@@ -1,6 +1,7 @@
 """The host of a scene: the actor that runs its turns on a node, with the same code as on one machine."""
 
 import contextlib
+import importlib.metadata
 import math
 import os
 import shutil
@@ -77,9 +78,13 @@ class SceneHost:
         self._users = 0
         self._used = time.monotonic()
 
-    def open(self) -> HostOpened:
-        """Open the database and the object store from this node."""
+    def open(self, version: str) -> HostOpened:
+        """Open the database and the object store from this node, for a dispatcher of this ``version``."""
         node_id = ray.get_runtime_context().get_node_id()
+        installed = importlib.metadata.version("fvs")
+        if installed != version:
+            refusal = f"The node has fvs {installed}, the dispatcher {version}. Install the same version."
+            return HostOpened(node_id=node_id, refusal=refusal)
         with self._lock:
             if self._hosts is None:
                 configure_logging(machine=True)
