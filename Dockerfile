@@ -92,4 +92,6 @@ USER 0
 RUN --mount=type=bind,source=constraints.txt,target=/tmp/constraints.txt \
     pip --python /opt/fvs/bin/python install --no-cache-dir --constraint /tmp/constraints.txt "fvs[ray]" \
     && rm -r /opt/fvs/lib/python3.11/site-packages/ray/jars /opt/fvs/lib/python3.11/site-packages/ray/rllib
+# The head starts a program for each client; gRPC's threads would crash it in one of several forks (Ray's issue 63202).
+ENV GRPC_ENABLE_FORK_SUPPORT=0
 USER 10001

@@ -64,6 +64,9 @@ class Engine:
             "DISABLE_HC_SYSTEMD": "true",
             "DOCKER_HOST": address,
         }
+        # What a run left that was killed: its containers look as if they ran.
+        podman("rm", "--force", "--all")
+        podman("volume", "prune", "--force")
         log = (self._folder / "podman.log").open("w")
         self._service = subprocess.Popen(
             ["podman", "system", "service", "--time=0", address], stdout=log, stderr=log

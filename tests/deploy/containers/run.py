@@ -40,7 +40,7 @@ def main() -> None:
 
 
 def _test(file: str, gateway: str, runners: str, photographs: Path) -> None:
-    """Take a scene from photographs to a ranking, and kill what trains it, then all that keeps it."""
+    """Take a scene from photographs to a ranking, and kill what trains it; stop all, and kill all."""
     with (
         tempfile.TemporaryDirectory(prefix="fvs-containers-") as folder,
         Deployment(REPOSITORY, file, Path(folder)) as deployment,
@@ -57,22 +57,29 @@ def _test(file: str, gateway: str, runners: str, photographs: Path) -> None:
             podman("kill", training)
             deployment.run("up", "--detach")
             _finished(job)
-            for container in deployment.containers():
-                podman("kill", container)
-            deployment.run("up", "--detach")
-            _until_ready(client)
-            assert client.rankings.get(ranking.id) == ranking
-            assert _rank(client.scenes.get(ranking.scene_id)).candidates
+            deployment.run("stop")
+            _kept_by_next_start(deployment, client, ranking)
+            podman("kill", *deployment.containers())
+            _kept_by_next_start(deployment, client, ranking)
+
+
+def _kept_by_next_start(deployment: Deployment, client: Client, ranking: Ranking) -> None:
+    """The service, started again, has the ranking, and the model for another one."""
+    deployment.run("up", "--detach")
+    _until_ready(client)
+    assert client.rankings.get(ranking.id) == ranking
+    assert _rank(client.scenes.get(ranking.scene_id)).candidates
 
 
 def _confined(deployment: Deployment) -> None:
-    """No process of a container has a capability, but for the proxy's; nothing but volumes can be written."""
+    """Users other than root without capabilities, but for the proxy's; nothing but volumes can be written."""
     for container in deployment.containers():
         (shown,) = json.loads(podman("inspect", container))
         assert shown["HostConfig"]["ReadonlyRootfs"], container
         status = podman("exec", container, "cat", "/proc/1/status")
         bounding = int(re.findall(r"^CapBnd:\s*(\w+)$", status, re.MULTILINE)[0], 16)
         assert bounding in (0, 1 << _NET_BIND_SERVICE), container
+        assert bounding or not re.search(r"^Uid:\s*0", status, re.MULTILINE), container
         assert re.search(r"^NoNewPrivs:\s*1$", status, re.MULTILINE), container
         assert shown["HostConfig"]["Memory"], container
 
