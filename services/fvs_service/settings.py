@@ -102,6 +102,13 @@ class WorkerSettings(Record):
     fine_max_gaussians: _Gaussians = 1_000_000
     """Maximum number of Gaussians in a fine model."""
 
+    @field_validator("gpus")
+    @classmethod
+    def _can_be_divided(cls, gpus: float | None) -> float | None:
+        if gpus is not None and gpus > 1 and not gpus.is_integer():
+            raise ValueError("more than one GPU must be a whole number")
+        return gpus
+
 
 class Retention(Record):
     """How many snapshots, rankings, plans, events and jobs each scene keeps, and for how long.

@@ -168,3 +168,10 @@ def test_a_job_without_a_place_says_what_the_cluster_lacks(
     assert waiting.reason is reason
     assert waiting.message
     assert (waiting.eta_s is None) is (reason is not WaitReason.GPU)
+
+
+def test_a_scene_takes_a_share_of_a_gpu_or_whole_gpus() -> None:
+    for gpus in (0.0, 0.5, 1.0, 2.0):
+        assert WorkerSettings(gpus=gpus).gpus == gpus
+    with pytest.raises(ValidationError, match="whole number"):
+        WorkerSettings(gpus=1.5)

@@ -1,6 +1,7 @@
 """The dispatcher's loop, with queues that fail, and that have a job later."""
 
 import threading
+import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from types import SimpleNamespace
@@ -50,9 +51,41 @@ class LaterQueue(BrokenQueue):
         return job
 
 
+class QuickQueue(BrokenQueue):
+    """Has a job whose second turn is taken before the thread of the first one has ended."""
+
+    def __init__(self, wake: Callable[[], None]) -> None:
+        self._wake = wake
+        self._waiting = [Turn("job", "scene", JobKind.UPDATE, 1, "worker-0")]
+        self._taken: list[Turn] = []
+        self._taken_again = threading.Event()
+        self._turns = 0
+
+    def taken_by(self, _worker_id: str) -> tuple[Turn, ...]:
+        return tuple(self._taken)
+
+    def take(self, _worker_id: str) -> Turn | None:
+        if not self._waiting:
+            return None
+        turn = self._waiting.pop()
+        self._taken.append(turn)
+        self._turns += 1
+        if self._turns == 2:
+            self._taken_again.set()
+        return turn
+
+    def put_back(self, turn: Turn, *_: object) -> None:
+        self._taken.remove(turn)
+        if self._turns == 1:
+            self._waiting.append(turn)
+            self._wake()
+            assert self._taken_again.wait(_WITHIN_S)
+            time.sleep(0.1)  # until the dispatcher has looked at it
+
+
 @contextmanager
 def _dispatching(
-    queue: object, ran: threading.Event | Callable[[Turn], None], poll_s: float
+    queue: object, ran: threading.Event | Callable[[Turn], None], poll_s: float, slots: int = 1
 ) -> Iterator[Dispatcher]:
     run = (lambda _ticket: ran.set()) if isinstance(ran, threading.Event) else ran
     dispatcher = Dispatcher(
@@ -61,7 +94,7 @@ def _dispatching(
         cast(RunnerRequests, SimpleNamespace(take=lambda: None)),
         run,
         lambda _scene_id: None,
-        slots=1,
+        slots=slots,
         poll_s=poll_s,
         has_room=lambda: True,
     )
@@ -114,3 +147,20 @@ def test_a_job_that_ends_makes_room_for_the_next_at_once() -> None:
     with _dispatching(queue, run, poll_s=3600):
         assert last.wait(_WITHIN_S)
     assert ran == jobs
+
+
+def test_a_turn_that_is_taken_while_the_last_one_ends_is_run() -> None:
+    waker: list[Dispatcher] = []
+    turns: list[Turn] = []
+    twice = threading.Event()
+
+    def run(turn: Turn) -> None:
+        turns.append(turn)
+        if len(turns) == 2:
+            twice.set()
+
+    queue = QuickQueue(lambda: waker[0].wake())
+    with _dispatching(queue, run, poll_s=3600, slots=2) as dispatcher:
+        waker.append(dispatcher)
+        assert twice.wait(_WITHIN_S)
+    assert len(turns) == 2

@@ -25,9 +25,10 @@ RunJob = Callable[[Turn], WaitReason | None]
 class Dispatcher:
     """Runs the jobs of a worker and starts the runners that rankings need, until it is stopped.
 
-    The jobs that the worker has taken and does not run are run first: those of its predecessor of the same
-    name, and those that could not be put back because the database was unavailable. ``has_room`` returns
-    whether a job may start now. It looks for jobs and requests when it is woken, and every ``poll_s``.
+    The jobs that the worker has taken and does not run come first: those of its predecessor of the same name,
+    those that could not be put back because the database was unavailable, and those whose next turn it took
+    before the thread of the last one ended. ``has_room`` returns whether a job may start now. It looks for
+    jobs and requests when it is woken, and every ``poll_s``.
     """
 
     def __init__(
@@ -53,8 +54,6 @@ class Dispatcher:
         self._lock = threading.Lock()
         self._running: set[str] = set()
         self._starting = 0
-        self._left_over = True
-        """The worker may hold jobs that it does not run."""
         self._stopping = threading.Event()
         self._woken = threading.Event()
         self._woken.set()
@@ -94,14 +93,11 @@ class Dispatcher:
             _log.exception("no jobs can be taken")
         else:
             return True
-        self._left_over = True
         return False
 
     def _dispatch_jobs(self) -> None:
-        if self._left_over:
-            self._left_over = False
-            for turn in self._queue.taken_by(self._worker_id):
-                self._begin(turn)
+        for turn in self._queue.taken_by(self._worker_id):
+            self._begin(turn)
         while len(self._running) < self._slots and self._has_room():
             taken = self._queue.take(self._worker_id)
             if taken is None:
@@ -122,19 +118,14 @@ class Dispatcher:
                 self._queue.put_back(turn, obstacle)
         except (SQLAlchemyError, ServiceError) as error:
             _log.warning("the job cannot be put back yet", job=turn.job_id, reason=type(error).__name__)
-            self._failed()
+            self._stopping.wait(_AFTER_ERROR_S)
         except Exception:
             _log.exception("a job's turn failed", job=turn.job_id)
-            self._failed()
+            self._stopping.wait(_AFTER_ERROR_S)
         finally:
             with self._lock:
                 self._running.discard(turn.attempt_id)
             self.wake()
-
-    def _failed(self) -> None:
-        """Put the job back into the queue, to be tried again after a delay."""
-        self._stopping.wait(_AFTER_ERROR_S)
-        self._left_over = True
 
     def _dispatch_runners(self) -> None:
         while self._starting < _RUNNERS_AT_ONCE:
