@@ -207,6 +207,8 @@ class ClusterHosts:
                 if self._works(scene_id, host):
                     return host
                 host = None
+                if self._lacks(need) is WaitReason.CLUSTER:
+                    break
             return WaitReason.CLUSTER
 
     def _create(self, scene_id: str, need: Resources) -> _Host:
@@ -419,8 +421,8 @@ class ClusterHosts:
             return  # a turn waits for it
         try:
             if ray.wait([host.opened], timeout=0)[0]:
-                self._works(scene_id, host)
-                self._storage.queue.try_again(scene_id)
+                if self._works(scene_id, host) or self._lacks(host.resources) is not WaitReason.CLUSTER:
+                    self._storage.queue.try_again(scene_id)
             elif time.monotonic() - host.wanted < _WANTED_S or self._storage.queue.has_open(scene_id):
                 self._make_room(host.resources)
             else:

@@ -65,7 +65,7 @@ def require_no_workers(database: Database) -> None:
         if not _last_beats(database).items() <= before.items():
             raise ConflictError(
                 "Another fvs serve runs workers on this database.",
-                hint="Stop that one. On many machines set FVS_CLUSTER: see docs/operate/many-machines.md.",
+                hint="Stop that one: many machines need FVS_CLUSTER, and have one dispatcher.",
             )
 
 
