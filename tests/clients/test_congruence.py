@@ -242,7 +242,7 @@ def missions(surface: Surface) -> Iterator[Any]:
     yield do(scene.mission, plan.stops, "csv", leave_out=True)
     yield do(scene.mission, [one for one in ranking.candidates if one.rank], "csv", leave_out=True)
     yield do(plan.mission, "csv", leave_out=True).content
-    yield do(plan.mission, "csv", battery_distance_m=1000.0, part=1, **home)
+    yield do(plan.mission, "csv", battery_s=1000.0, battery_reserve=0.2, part=1, **home)
     yield surface.attempt(plan.mission, "csv", vehicle=3)
     yield [one.id for one in surface.items(scene.plans.list(), None)] == [plan.id]
     yield [one.id for one in surface.items(scene.rankings.list(), None)] == [ranking.id]

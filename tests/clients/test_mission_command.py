@@ -61,11 +61,11 @@ def test_rankings_and_plans_become_missions(run: Run, gateway: Any, tmp_path: Pa
     left = run("mission", tour, *flown, "--out", out, "--leave-out", "--json")
     assert json.loads(left.stdout)["reasons"] == [reason]
     one = ("mission", ranking, *home, "--format", "csv", "--first", 1, "--json", "--out", tmp_path / "cut")
-    alone = json.loads(run(*one, "--battery-distance", 1000).stdout)["files"]
+    alone = json.loads(run(*one, "--battery", 1000).stdout)["files"]
     assert alone == [str(tmp_path / "cut" / f"{ranking}-1-of-1.csv")]
-    halved = json.loads(run(*one[:-6], *one[-4:], "--format", "csv", "--battery-distance", 145).stdout)[
-        "files"
-    ]
+    halved = json.loads(
+        run(*one[:-6], *one[-4:], "--format", "csv", "--battery", 200, "--reserve", 0.1).stdout
+    )["files"]
     assert [Path(file).name for file in halved] == [f"{ranking}-{part}-of-2.csv" for part in (1, 2)]
     assert all(Path(file).is_file() for file in halved)
     again = ("mission", snapshot, "--format", "csv", "--json", "--out", tmp_path / "again.csv", "--leave-out")

@@ -327,7 +327,7 @@ def test_views_become_missions(compare: Compare) -> None:
         for vehicle in (1, 2):
             assert tenant.call("GetPlanMission", plan_id=plan, format="csv", vehicle=vehicle, **home).result
         refused(tenant.call("GetPlanMission", plan_id=plan, format="csv", vehicle=3), "invalid-request")
-        cut = {"format": "csv", "battery_distance_m": 1000.0, **home}
+        cut = {"format": "csv", "battery_s": 1000.0, **home}
         assert tenant.call("GetPlanMission", plan_id=plan, **cut).result
         refused(tenant.call("GetPlanMission", plan_id=plan, **cut, part=2), "invalid-request")
         refused(tenant.call("GetRankingMission", ranking_id=ranking, **cut, part=0), "invalid-request")

@@ -25,7 +25,8 @@ _Height = Annotated[Number, Field(ge=-10_000, le=10_000)]
 _Geoid = Annotated[Number, Field(ge=-150, le=150)]
 _Speed = Annotated[Number, Field(ge=0.1, le=50)]
 _Radius = Annotated[Number, Field(ge=0.05, le=100)]
-_Distance = Annotated[Number, Field(ge=1, le=1_000_000)]
+_Battery = Annotated[Number, Field(ge=10, le=100_000)]
+_Share = Annotated[Number, Field(ge=0, le=0.9)]
 _Hold = Annotated[Number, Field(ge=0, le=600)]
 
 
@@ -38,8 +39,12 @@ class MissionFormat(Word):
     """MAVLink waypoints as text, `QGC WPL 110`: Mission Planner, QGroundControl, MAVProxy."""
     DJI_KMZ = "dji-kmz"
     """DJI's WPML in a KMZ: Pilot 2, FlightHub 2, docks."""
+    LITCHI_CSV = "litchi-csv"
+    """A mission of Litchi, as CSV."""
     MAVSDK = "mavsdk"
-    """MAVSDK's mission items, as JSON."""
+    """Items of MAVSDK's plugin `mission`, as JSON: for PX4."""
+    KML = "kml"
+    """KML 2.2: for Google Earth, with the camera of each view."""
     GEOJSON = "geojson"
     """RFC 7946: for maps."""
     CSV = "csv"
@@ -58,7 +63,9 @@ class MissionFormat(Word):
             MissionFormat.QGC_PLAN,
             MissionFormat.QGC_WPL,
             MissionFormat.DJI_KMZ,
+            MissionFormat.LITCHI_CSV,
             MissionFormat.MAVSDK,
+            MissionFormat.KML,
         )
 
 
@@ -70,7 +77,7 @@ class Autopilot(Word):
 
 
 class Drone(Word):
-    """An aircraft of DJI, with its own camera."""
+    """An aircraft of DJI with its camera; a Matrice 300 or 350 RTK carries it on the port side."""
 
     M30 = "m30"
     M30T = "m30t"
@@ -79,6 +86,20 @@ class Drone(Word):
     M3M = "m3m"
     M3D = "m3d"
     M3TD = "m3td"
+    M4E = "m4e"
+    M4T = "m4t"
+    M4D = "m4d"
+    M4TD = "m4td"
+    M300_H20 = "m300-h20"
+    M300_H20T = "m300-h20t"
+    M300_H20N = "m300-h20n"
+    M300_H30 = "m300-h30"
+    M300_H30T = "m300-h30t"
+    M350_H20 = "m350-h20"
+    M350_H20T = "m350-h20t"
+    M350_H20N = "m350-h20n"
+    M350_H30 = "m350-h30"
+    M350_H30T = "m350-h30t"
 
 
 class Finish(Word):
@@ -148,11 +169,15 @@ class MissionOptions(Input):
         description="Leave out the views that cannot be flown: `Left-Out` names them, and "
         "`Left-Out-Reasons` says why. Otherwise they are an error.",
     )
-    battery_distance_m: AsText[_Distance] | None = Field(
+    battery_s: AsText[_Battery] | None = Field(
         default=None,
-        description="The distance that the vehicle can fly on one battery. The views, in their order, are "
-        "cut into as few parts as possible; each begins and ends at home and is no longer than this, with "
-        "takeoff and landing. `Mission-Parts` says how many there are. Needs home and its altitude.",
+        description="How long the vehicle flies on one battery. The views, in their order, are cut into as "
+        "few parts as possible; each begins and ends at home and takes no longer than this without the "
+        "reserve, with takeoff, photographs and landing. `Mission-Parts` says how many there are. Needs home "
+        "and its altitude.",
+    )
+    battery_reserve: AsText[_Share] = Field(
+        default=0.3, description="The share of the battery with which it lands; with `battery_s`."
     )
     part: Annotated[int, WHOLE] = Field(
         default=1, ge=1, le=100_000, description="The part to write, counted from 1."
@@ -172,7 +197,7 @@ class MissionOptions(Input):
     )
     finish: Finish = Field(default=Finish.RETURN, description="What to do after the last view.")
     autopilot: Autopilot = Field(
-        default=Autopilot.ARDUPILOT, description="The firmware that flies MAVLink commands."
+        default=Autopilot.ARDUPILOT, description="The firmware of the copter that flies MAVLink commands."
     )
     drone: Drone = Field(default=Drone.M3E, description="The aircraft that flies a DJI mission.")
 
@@ -189,9 +214,9 @@ class MissionOptions(Input):
         missing = [name for name in home if getattr(self, name) is None]
         if len(missing) == 1:
             raise of_fields("home_latitude_deg and home_longitude_deg belong together", *missing)
-        if self.battery_distance_m is not None and missing:
+        if self.battery_s is not None and missing:
             raise of_fields("parts of a mission begin and end at home, which is missing", *missing)
-        if self.battery_distance_m is not None and self.finish is not Finish.RETURN:
+        if self.battery_s is not None and self.finish is not Finish.RETURN:
             raise of_fields("parts of a mission end at home: the vehicle returns", "finish")
         lowest, highest = self.lowest_height_m, self.highest_height_m
         if lowest is not None and highest is not None and lowest >= highest:

@@ -71,6 +71,8 @@ class MissionFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     MISSION_FORMAT_ROS_POSEARRAY: _ClassVar[MissionFormat]
     MISSION_FORMAT_ROS_POSESTAMPED: _ClassVar[MissionFormat]
     MISSION_FORMAT_NERFSTUDIO: _ClassVar[MissionFormat]
+    MISSION_FORMAT_LITCHI_CSV: _ClassVar[MissionFormat]
+    MISSION_FORMAT_KML: _ClassVar[MissionFormat]
 
 class Autopilot(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -88,6 +90,20 @@ class Drone(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     DRONE_M3M: _ClassVar[Drone]
     DRONE_M3D: _ClassVar[Drone]
     DRONE_M3TD: _ClassVar[Drone]
+    DRONE_M4E: _ClassVar[Drone]
+    DRONE_M4T: _ClassVar[Drone]
+    DRONE_M4D: _ClassVar[Drone]
+    DRONE_M4TD: _ClassVar[Drone]
+    DRONE_M300_H20: _ClassVar[Drone]
+    DRONE_M300_H20T: _ClassVar[Drone]
+    DRONE_M300_H20N: _ClassVar[Drone]
+    DRONE_M300_H30: _ClassVar[Drone]
+    DRONE_M300_H30T: _ClassVar[Drone]
+    DRONE_M350_H20: _ClassVar[Drone]
+    DRONE_M350_H20T: _ClassVar[Drone]
+    DRONE_M350_H20N: _ClassVar[Drone]
+    DRONE_M350_H30: _ClassVar[Drone]
+    DRONE_M350_H30T: _ClassVar[Drone]
 
 class Finish(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -132,6 +148,8 @@ MISSION_FORMAT_MAVSDK: MissionFormat
 MISSION_FORMAT_ROS_POSEARRAY: MissionFormat
 MISSION_FORMAT_ROS_POSESTAMPED: MissionFormat
 MISSION_FORMAT_NERFSTUDIO: MissionFormat
+MISSION_FORMAT_LITCHI_CSV: MissionFormat
+MISSION_FORMAT_KML: MissionFormat
 AUTOPILOT_UNSPECIFIED: Autopilot
 AUTOPILOT_ARDUPILOT: Autopilot
 AUTOPILOT_PX4: Autopilot
@@ -143,6 +161,20 @@ DRONE_M3T: Drone
 DRONE_M3M: Drone
 DRONE_M3D: Drone
 DRONE_M3TD: Drone
+DRONE_M4E: Drone
+DRONE_M4T: Drone
+DRONE_M4D: Drone
+DRONE_M4TD: Drone
+DRONE_M300_H20: Drone
+DRONE_M300_H20T: Drone
+DRONE_M300_H20N: Drone
+DRONE_M300_H30: Drone
+DRONE_M300_H30T: Drone
+DRONE_M350_H20: Drone
+DRONE_M350_H20T: Drone
+DRONE_M350_H20N: Drone
+DRONE_M350_H30: Drone
+DRONE_M350_H30T: Drone
 FINISH_UNSPECIFIED: Finish
 FINISH_RETURN: Finish
 FINISH_HOLD: Finish
@@ -236,7 +268,7 @@ class DeletePlanRequest(_message.Message):
     def __init__(self, plan_id: _Optional[str] = ...) -> None: ...
 
 class GetRankingMissionRequest(_message.Message):
-    __slots__ = ("ranking_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "above_ground", "battery_distance_m", "part")
+    __slots__ = ("ranking_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "above_ground", "battery_s", "part", "battery_reserve")
     RANKING_ID_FIELD_NUMBER: _ClassVar[int]
     FORMAT_FIELD_NUMBER: _ClassVar[int]
     FIRST_FIELD_NUMBER: _ClassVar[int]
@@ -260,8 +292,9 @@ class GetRankingMissionRequest(_message.Message):
     AUTOPILOT_FIELD_NUMBER: _ClassVar[int]
     DRONE_FIELD_NUMBER: _ClassVar[int]
     ABOVE_GROUND_FIELD_NUMBER: _ClassVar[int]
-    BATTERY_DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
+    BATTERY_S_FIELD_NUMBER: _ClassVar[int]
     PART_FIELD_NUMBER: _ClassVar[int]
+    BATTERY_RESERVE_FIELD_NUMBER: _ClassVar[int]
     ranking_id: str
     format: MissionFormat
     first: int
@@ -285,12 +318,13 @@ class GetRankingMissionRequest(_message.Message):
     autopilot: Autopilot
     drone: Drone
     above_ground: bool
-    battery_distance_m: float
+    battery_s: float
     part: int
-    def __init__(self, ranking_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., above_ground: _Optional[bool] = ..., battery_distance_m: _Optional[float] = ..., part: _Optional[int] = ...) -> None: ...
+    battery_reserve: float
+    def __init__(self, ranking_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., above_ground: _Optional[bool] = ..., battery_s: _Optional[float] = ..., part: _Optional[int] = ..., battery_reserve: _Optional[float] = ...) -> None: ...
 
 class GetPlanMissionRequest(_message.Message):
-    __slots__ = ("plan_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "vehicle", "above_ground", "battery_distance_m", "part")
+    __slots__ = ("plan_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "vehicle", "above_ground", "battery_s", "part", "battery_reserve")
     PLAN_ID_FIELD_NUMBER: _ClassVar[int]
     FORMAT_FIELD_NUMBER: _ClassVar[int]
     FIRST_FIELD_NUMBER: _ClassVar[int]
@@ -315,8 +349,9 @@ class GetPlanMissionRequest(_message.Message):
     DRONE_FIELD_NUMBER: _ClassVar[int]
     VEHICLE_FIELD_NUMBER: _ClassVar[int]
     ABOVE_GROUND_FIELD_NUMBER: _ClassVar[int]
-    BATTERY_DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
+    BATTERY_S_FIELD_NUMBER: _ClassVar[int]
     PART_FIELD_NUMBER: _ClassVar[int]
+    BATTERY_RESERVE_FIELD_NUMBER: _ClassVar[int]
     plan_id: str
     format: MissionFormat
     first: int
@@ -341,12 +376,13 @@ class GetPlanMissionRequest(_message.Message):
     drone: Drone
     vehicle: int
     above_ground: bool
-    battery_distance_m: float
+    battery_s: float
     part: int
-    def __init__(self, plan_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., vehicle: _Optional[int] = ..., above_ground: _Optional[bool] = ..., battery_distance_m: _Optional[float] = ..., part: _Optional[int] = ...) -> None: ...
+    battery_reserve: float
+    def __init__(self, plan_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., vehicle: _Optional[int] = ..., above_ground: _Optional[bool] = ..., battery_s: _Optional[float] = ..., part: _Optional[int] = ..., battery_reserve: _Optional[float] = ...) -> None: ...
 
 class CreateMissionRequest(_message.Message):
-    __slots__ = ("scene_id", "mission", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "above_ground", "battery_distance_m", "part")
+    __slots__ = ("scene_id", "mission", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "above_ground", "battery_s", "part", "battery_reserve")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     MISSION_FIELD_NUMBER: _ClassVar[int]
     FORMAT_FIELD_NUMBER: _ClassVar[int]
@@ -371,8 +407,9 @@ class CreateMissionRequest(_message.Message):
     AUTOPILOT_FIELD_NUMBER: _ClassVar[int]
     DRONE_FIELD_NUMBER: _ClassVar[int]
     ABOVE_GROUND_FIELD_NUMBER: _ClassVar[int]
-    BATTERY_DISTANCE_M_FIELD_NUMBER: _ClassVar[int]
+    BATTERY_S_FIELD_NUMBER: _ClassVar[int]
     PART_FIELD_NUMBER: _ClassVar[int]
+    BATTERY_RESERVE_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     mission: MissionRequest
     format: MissionFormat
@@ -397,9 +434,10 @@ class CreateMissionRequest(_message.Message):
     autopilot: Autopilot
     drone: Drone
     above_ground: bool
-    battery_distance_m: float
+    battery_s: float
     part: int
-    def __init__(self, scene_id: _Optional[str] = ..., mission: _Optional[_Union[MissionRequest, _Mapping]] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., above_ground: _Optional[bool] = ..., battery_distance_m: _Optional[float] = ..., part: _Optional[int] = ...) -> None: ...
+    battery_reserve: float
+    def __init__(self, scene_id: _Optional[str] = ..., mission: _Optional[_Union[MissionRequest, _Mapping]] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., above_ground: _Optional[bool] = ..., battery_s: _Optional[float] = ..., part: _Optional[int] = ..., battery_reserve: _Optional[float] = ...) -> None: ...
 
 class RankViewsRequest(_message.Message):
     __slots__ = ("scene_id", "ranking", "idempotency_key")

@@ -60,14 +60,19 @@ class Altitudes:
                 return datum
         raise InvalidRequestError(
             f"The scene's altitudes are above {self.datum.in_words}, and cannot be converted for {what}.",
-            hint=self._remedy(wanted),
+            hint=self._remedy(wanted, possible),
         )
 
-    def _remedy(self, wanted: AltitudeDatum | None) -> str:
+    def _remedy(self, wanted: AltitudeDatum | None, possible: Container[AltitudeDatum]) -> str:
         if self.datum is AltitudeDatum.TAKEOFF:
-            return "Ask for altitude_datum=takeoff: nothing relates this scene to another datum."
+            related = "nothing relates this scene to another datum."
+            if AltitudeDatum.TAKEOFF not in possible:
+                return f"Choose a format that has altitudes above home: {related}"
+            return f"Ask for altitude_datum=takeoff: {related}"
         home = f"home_altitude_m, the altitude of the place of takeoff above {self.datum.in_words}"
         geoid = "geoid_height_m, the height of the geoid above the ellipsoid at the site"
         if wanted is AltitudeDatum.TAKEOFF:
             return f"Give {home}."
-        return f"Give {geoid}." if wanted in _ABSOLUTE else f"Give {home}, or {geoid}."
+        if wanted in _ABSOLUTE or AltitudeDatum.TAKEOFF not in possible:
+            return f"Give {geoid}."
+        return f"Give {home}, or {geoid}."

@@ -14,10 +14,10 @@ from fvs_service.missions.altitudes import Altitudes
 from fvs_service.missions.flight import Home, Mission, Waypoint
 from fvs_service.missions.ground import Ground
 from fvs_service.missions.objections import Objections
-from fvs_service.missions.parts import fewest_parts, length_m
+from fvs_service.missions.parts import LANDING_S, at_view_s, fewest_parts, flying_s, length_m
 
-_SAME_M = 0.5
-"""Shorter vertical ways are ignored."""
+_SAME_M = 0.6
+"""Shorter vertical ways are ignored: Litchi flies none."""
 _CLEAR_OF_GROUND_M = 2.0
 """Minimum height of a takeoff."""
 MOST_NAMED = 16
@@ -78,9 +78,7 @@ class Composer:
         missions = []
         for number, part in enumerate(parts, start=1):
             of_part = [self._leg(flown, index, part.start) for index in part]
-            numbered = (
-                name if self._options.battery_distance_m is None else f"{name}-{number}-of-{len(parts)}"
-            )
+            numbered = name if self._options.battery_s is None else f"{name}-{number}-of-{len(parts)}"
             home_via = way_home if part.stop == len(flown) else ()
             missions.append(self._mission(numbered, of_part, home_via, datum))
         return tuple(missions), violations
@@ -102,7 +100,13 @@ class Composer:
             )
             for point in waypoints
         )
-        return Mission(name, datum, moved, home, climb_m, self._options)
+        way = [*self._way_from_home(legs[0])[:-1], *self._between(legs)]
+        way += self._way_to_home(legs[-1].view, via_home)[1:]
+        return Mission(
+            *(name, datum, moved, home, climb_m, self._options),
+            length_m=length_m(way),
+            duration_s=self._flying_s(way) + len(legs) * self._at_view_s + self._landing_s,
+        )
 
     def _cut(
         self, legs: Sequence[Leg], via_home: Sequence[Waypoint]
@@ -111,23 +115,44 @@ class Composer:
 
         If each view can be flown alone, there are parts.
         """
-        longest_m = self._options.battery_distance_m
-        if longest_m is None:
+        battery_s, reserve = self._options.battery_s, self._options.battery_reserve
+        if battery_s is None:
             return (range(len(legs)),), {}
-        away_m, between_m, back_m, reasons = [], [0.0], [], {}
+        longest_s = (1.0 - reserve) * battery_s
+        away_s, between_s, back_s, reasons = [], [0.0], [], {}
         for before, leg in pairwise(legs):
-            between_m.append(length_m([before.view, *self._passed(before.view, leg), leg.view]))
+            way = [before.view, *self._passed(before.view, leg), leg.view]
+            between_s.append(self._flying_s(way) + self._at_view_s)
         for index, leg in enumerate(legs):
             first, home_via = self._leg(legs, index, index), via_home if leg is legs[-1] else ()
             no_way, no_way_home = self._to_way(None, first), self._to_way_home(leg.view, home_via)
-            away_m.append(inf if no_way else length_m(self._way_from_home(first)))
-            back_m.append(inf if no_way_home else length_m(self._way_to_home(leg.view, home_via)))
-            alone_m = away_m[-1] + back_m[-1]
-            too_far = f"to it alone and back it is {alone_m:.0f} m; a battery flies {longest_m:g} m"
-            if reason := no_way or no_way_home or (too_far if alone_m > longest_m else None):
+            away_s.append(inf if no_way else self._flying_s(self._way_from_home(first)) + self._at_view_s)
+            back_s.append(
+                inf
+                if no_way_home
+                else self._flying_s(self._way_to_home(leg.view, home_via)) + self._landing_s
+            )
+            alone_s = away_s[-1] + back_s[-1]
+            too_far = (
+                f"to it alone and back it takes {alone_s:.0f} s; a battery of {battery_s:g} s "
+                f"flies {longest_s:.0f} s and keeps a reserve of {reserve:.0%}"
+            )
+            if reason := no_way or no_way_home or (too_far if alone_s > longest_s else None):
                 reasons[str(leg.view.name)] = reason
-        parts = fewest_parts(away_m, between_m, back_m, longest_m)
+        parts = fewest_parts(away_s, between_s, back_s, longest_s)
         return ((), reasons) if parts is None else (parts, {})
+
+    @property
+    def _at_view_s(self) -> float:
+        return at_view_s(self._options.hold_s)
+
+    @property
+    def _landing_s(self) -> float:
+        returns = self._options.finish is Finish.RETURN and self._options.home is not None
+        return LANDING_S if returns else 0.0
+
+    def _flying_s(self, way: Sequence[Waypoint]) -> float:
+        return flying_s(way, self._options.speed_m_s)
 
     @staticmethod
     def _leg(legs: Sequence[Leg], index: int, first: int) -> Leg:
@@ -138,25 +163,29 @@ class Composer:
         return replace(legs[index], via=()) if index == first > 0 else legs[index]
 
     def _way_from_home(self, leg: Leg) -> Sequence[Waypoint]:
-        """What is flown from the takeoff to the first view."""
+        """What is flown to the first view, from the takeoff if home is known."""
         way = [*self._passed(None, leg), leg.view]
-        above = self._above_home(way[0], self._climb(way[0]))
-        return [self._at_home(above), above, *way] if self._options.takeoff else [above, *way]
+        if self._options.home is None:
+            return way
+        above = self._above_home(self._options.home, way[0], self._climb(way[0]))
+        return [*self._at_home(above), above, *way] if self._options.takeoff else [above, *way]
 
     def _way_to_home(self, view: Waypoint, via_home: Sequence[Waypoint]) -> Sequence[Waypoint]:
         """What is flown from the last view to the landing: home at the altitude of the last waypoint."""
         way = [view, *self._passed_home(view, via_home)]
-        above = self._above_home(way[-1], way[-1].altitude_m)
-        return [*way, above, self._at_home(above)]
+        if self._options.home is None or self._options.finish is not Finish.RETURN:
+            return way
+        above = self._above_home(self._options.home, way[-1], way[-1].altitude_m)
+        return [*way, above, *self._at_home(above)]
 
-    def _above_home(self, point: Waypoint, altitude_m: float) -> Waypoint:
-        assert self._options.home is not None, "checked by the options"
-        latitude_deg, longitude_deg = self._options.home
-        return replace(point, latitude_deg=latitude_deg, longitude_deg=longitude_deg, altitude_m=altitude_m)
+    @staticmethod
+    def _above_home(home: Place, point: Waypoint, altitude_m: float) -> Waypoint:
+        return replace(point, latitude_deg=home[0], longitude_deg=home[1], altitude_m=altitude_m)
 
-    def _at_home(self, above: Waypoint) -> Waypoint:
-        assert self._altitudes.home_m is not None, "checked by the objections"
-        return replace(above, altitude_m=self._altitudes.home_m)
+    def _at_home(self, above: Waypoint) -> Sequence[Waypoint]:
+        """Home on the ground, if its altitude is known."""
+        home_m = self._altitudes.home_m
+        return () if home_m is None else (replace(above, altitude_m=home_m),)
 
     def _flyable(
         self, legs: Sequence[Leg], via_home: Sequence[Waypoint], beyond: Mapping[str, str]
@@ -200,7 +229,7 @@ class Composer:
             return reason
         passed = [*self._passed(before, leg), leg.view]
         if before is None and self._options.home is not None and self._options.takeoff:
-            before = self._above_home(passed[0], self._climb(passed[0]))
+            before = self._above_home(self._options.home, passed[0], self._climb(passed[0]))
         return self._objections.over_ground("the way to it", [before, *passed] if before else passed)
 
     def _to_way_home(self, view: Waypoint, via_home: Sequence[Waypoint]) -> str | None:
@@ -212,14 +241,17 @@ class Composer:
         return self._objections.over_ground("the way home from it", way)
 
     def _waypoints(self, legs: Sequence[Leg], via_home: Sequence[Waypoint]) -> Iterator[Waypoint]:
-        """The views, and between them what is passed."""
-        before: Waypoint | None = None
-        for leg in legs:
-            yield from self._passed(before, leg)
+        """The views, and what is passed on the way to each, and home."""
+        yield from self._passed(None, legs[0])
+        yield from self._between(legs)
+        yield from self._passed_home(legs[-1].view, via_home)
+
+    def _between(self, legs: Sequence[Leg]) -> Iterator[Waypoint]:
+        """From the first view to the last one."""
+        yield legs[0].view
+        for before, leg in pairwise(legs):
+            yield from self._passed(before.view, leg)
             yield leg.view
-            before = leg.view
-        if before is not None:
-            yield from self._passed_home(before, via_home)
 
     def _passed(self, before: Waypoint | None, leg: Leg) -> Sequence[Waypoint]:
         """What is passed between the view ``before`` and that of the leg."""

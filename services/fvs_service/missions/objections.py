@@ -1,6 +1,7 @@
 """Why a view, or the way to it, cannot be flown."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 from itertools import pairwise
 
 from fvs_schema.error_codes import FieldError
@@ -11,9 +12,12 @@ from fvs_service.missions import gimbal
 from fvs_service.missions.altitudes import Altitudes
 from fvs_service.missions.flight import Waypoint
 from fvs_service.missions.ground import Ground, described
+from fvs_service.missions.parts import length_m
 
 _ROUNDING_DEG = 1e-6
 _ROUNDING_M = 1e-3
+_FARTHEST_M = 20_000.0
+"""No multirotor flies farther from home and back on a battery."""
 
 
 class Objections:
@@ -29,7 +33,7 @@ class Objections:
         self._options, self._altitudes, self._ground = options, altitudes, ground
         self._fence = options.fence
         if altitudes.home_m is None:
-            for name in ("transit_height_m", "lowest_height_m", "highest_height_m", "battery_distance_m"):
+            for name in ("transit_height_m", "lowest_height_m", "highest_height_m", "battery_s"):
                 if getattr(options, name) is not None:
                     raise InvalidRequestError(
                         f"{name} is measured from home, whose altitude is not known.",
@@ -45,6 +49,11 @@ class Objections:
 
     def to_view(self, view: Waypoint) -> str | None:
         """Why a view cannot be photographed, whatever the way to it."""
+        if self._options.home is not None:
+            latitude_deg, longitude_deg = self._options.home
+            away_m = length_m([view, replace(view, latitude_deg=latitude_deg, longitude_deg=longitude_deg)])
+            if away_m > _FARTHEST_M:
+                return f"it is {away_m / 1000:.0f} km from home; {_FARTHEST_M / 1000:g} km are the most"
         low_deg, high_deg = self._options.gimbal_lowest_deg, self._options.gimbal_highest_deg
         if not low_deg - _ROUNDING_DEG <= view.pitch_deg <= high_deg + _ROUNDING_DEG:
             return (

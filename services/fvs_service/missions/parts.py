@@ -1,39 +1,68 @@
-"""Flights cut into parts that a battery lasts for."""
+"""How long flights take, and their parts that a battery lasts for."""
 
+import math
 from collections.abc import Sequence
 
 import numpy as np
 import pymap3d
+from numpy.typing import NDArray
 
 from fvs_service.missions.flight import Waypoint
+
+TURN_S = 4.0
+"""An ArduCopter turns by up to 180° in this time, at its 60°/s by default."""
+AFTER_PHOTOGRAPH_S = 1.0
+"""Time for which a camera is kept still after the command to take a photograph."""
+LANDING_S = 20.0
+"""An ArduCopter descends the last 10 m at 0.5 m/s."""
+_UP_M_S, _DOWN_M_S = 2.5, 1.5
+"""The vertical speeds of an ArduCopter by default."""
+_STOP_S = 2.4
+"""What braking and accelerating at a waypoint adds, at 1 m/s; it grows with the square root of the speed.
+
+At 5 m/s it was 5.3 s for an ArduCopter, whose jerk is 1 m/s³ by default: 2√v s, and some to settle.
+"""
 
 
 def length_m(way: Sequence[Waypoint]) -> float:
     """The length of a straight way through waypoints, in three dimensions."""
-    places = np.array([(point.latitude_deg, point.longitude_deg, point.altitude_m) for point in way])
-    steps = np.diff(np.stack(pymap3d.geodetic2ecef(*places.T)), axis=1)
-    return float(np.linalg.norm(steps, axis=0).sum())
+    return float(np.linalg.norm(_steps_m(way), axis=1).sum())
+
+
+def flying_s(way: Sequence[Waypoint], speed_m_s: float) -> float:
+    """The time in which a multirotor flies a straight way through waypoints, and stops at each."""
+    steps_m = _steps_m(way)
+    rise_m = np.diff([point.altitude_m for point in way])
+    level_m = np.sqrt(np.maximum(0.0, np.square(steps_m).sum(axis=1) - np.square(rise_m)))
+    vertical_s = np.where(rise_m > 0.0, rise_m / _UP_M_S, -rise_m / _DOWN_M_S)
+    stops_s = len(steps_m) * _STOP_S * math.sqrt(speed_m_s)
+    return float(np.maximum(level_m / speed_m_s, vertical_s).sum()) + stops_s
+
+
+def at_view_s(hold_s: float) -> float:
+    """The time that a vehicle spends at a view: it turns, holds still and takes the photograph."""
+    return TURN_S + hold_s + AFTER_PHOTOGRAPH_S
 
 
 def fewest_parts(
-    away_m: Sequence[float], between_m: Sequence[float], back_m: Sequence[float], longest_m: float
+    away_s: Sequence[float], between_s: Sequence[float], back_s: Sequence[float], longest_s: float
 ) -> tuple[range, ...] | None:
-    """As few runs of consecutive views as possible, none longer than ``longest_m``; None if there are none.
+    """As few runs of consecutive views as possible, none longer than ``longest_s``; None if there are none.
 
-    ``away_m[i]`` and ``back_m[i]`` are the ways from home to view ``i`` and back, infinite where they cannot
-    be flown; ``between_m[i]`` is the way to it from the view before. Of equally many parts the first are the
-    longest: as of a vehicle that turns back as late as it can. That is optimal where no detour is shorter
+    ``away_s[i]`` and ``back_s[i]`` are the times from home to view ``i`` and back, infinite where the ways
+    cannot be flown; ``between_s[i]`` is that to it from the view before. Of equally many parts the first are
+    the longest: as of a vehicle that turns back as late as it can. That is optimal where no detour is shorter
     than the straight way; with a fence or a terrain it need not be, so all cuts are compared, from the last
     view to the first.
     """
-    count = len(away_m)
-    flown_m, back = np.cumsum(between_m), np.asarray(back_m)
+    count = len(away_s)
+    flown_s, back = np.cumsum(between_s), np.asarray(back_s)
     needed = np.full(count + 1, np.inf)
     needed[count] = 0
     end = np.zeros(count, dtype=int)
     for first in reversed(range(count)):
-        lengths_m = away_m[first] + flown_m[first:] - flown_m[first] + back[first:]
-        parts = np.where(lengths_m <= longest_m, 1 + needed[first + 1 :], np.inf)
+        times_s = away_s[first] + flown_s[first:] - flown_s[first] + back[first:]
+        parts = np.where(times_s <= longest_s, 1 + needed[first + 1 :], np.inf)
         last = count - 1 - int(np.argmin(parts[::-1]))
         needed[first], end[first] = parts[last - first], last + 1
     if not np.isfinite(needed[0]):
@@ -43,3 +72,9 @@ def fewest_parts(
         found.append(range(first, int(end[first])))
         first = int(end[first])
     return tuple(found)
+
+
+def _steps_m(way: Sequence[Waypoint]) -> NDArray[np.float64]:
+    """The steps from waypoint to waypoint, [N-1, 3]."""
+    places = np.array([(point.latitude_deg, point.longitude_deg, point.altitude_m) for point in way])
+    return np.diff(np.stack(pymap3d.geodetic2ecef(*places.T), axis=1), axis=0)

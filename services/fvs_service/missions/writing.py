@@ -20,7 +20,7 @@ from fvs_service.scenes.poses import WorldFrame, require_on_earth
 
 _OF_EARTH = (
     *("home_latitude_deg", "home_altitude_m", "transit_height_m", "lowest_height_m"),
-    *("highest_height_m", "geofence", "altitude_datum", "geoid_height_m", "battery_distance_m"),
+    *("highest_height_m", "geofence", "altitude_datum", "geoid_height_m", "battery_s"),
 )
 """Options that mean nothing without georeference."""
 
@@ -113,8 +113,8 @@ def _part(missions: Sequence[Mission], options: MissionOptions) -> Mission:
             "part", f"the mission has {count} {'part' if count == 1 else 'parts'}, counted from 1"
         )
         hint = "Name one of them."
-        if options.battery_distance_m is None:
-            hint = "Give battery_distance_m, to which the mission is cut into parts; or leave part out."
+        if options.battery_s is None:
+            hint = "Give battery_s, to which the mission is cut into parts; or leave part out."
         raise InvalidRequestError(f"{wrong.field}: {wrong.message}.", hint=hint, errors=(wrong,))
     return missions[options.part - 1]
 

@@ -285,3 +285,15 @@ def test_geojson_has_points_a_route_and_the_fence(write: Write) -> None:
     above = write([_view("a", 1, 20)], format="geojson", altitude_datum="ellipsoid", geoid_height_m=50.0)
     position = json.loads(above.content)["features"][0]["geometry"]["coordinates"]
     assert position == [7.7501, 46.02, 570.0]  # its third number is above the ellipsoid
+
+
+def test_views_far_from_home_are_refused_without_a_fence(write: Write) -> None:
+    far = {**HOME, "home_latitude_deg": 47.02}
+    with pytest.raises(
+        InvalidRequestError, match="a cannot be flown: it is 111 km from home; 20 km are the most"
+    ):
+        write([_view("a", 1, 20)], **far)
+    beyond = _view("beyond", 2700, 20)
+    assert write([_view("a", 1, 20), beyond], **HOME, leave_out=True).left_out == ("beyond",)
+    assert write([beyond], **{**HOME, "home_longitude_deg": 7.8}).left_out == ()
+    assert write([_view("a", 1, 20), beyond]).left_out == ()  # it is in the air, who knows where

@@ -9,7 +9,7 @@ from xml.etree.ElementTree import Element
 import pytest
 from defusedxml.ElementTree import fromstring
 from fvs_service.errors import InvalidRequestError
-from fvs_service.missions.formats import dji_kmz
+from fvs_service.missions.formats.xml import element
 from fvs_service.missions.writing import write_mission
 
 from fvs_schema.missions import Drone, MissionOptions, MissionView
@@ -79,12 +79,12 @@ def test_many_missions_come_back_from_the_waylines(flights: Any, errors: Any) ->
             gimbal = _actions(mark)[0].find(f"{WPML}actionActuatorFuncParam")
             assert gimbal is not None
             altitude = float(_text(mark, "executeHeight")) - flight.to_takeoff_m
-            yaw = float(_text(mark, "waypointHeadingParam", "waypointHeadingAngle"))
+            yaw = int(_text(mark, "waypointHeadingParam", "waypointHeadingAngle"))
             assert -180 <= yaw <= 180
             errors.add(
                 flight, view, (*_place(mark), altitude), yaw, float(_text(gimbal, "gimbalPitchRotateAngle"))
             )
-    errors.check("DJI waylines.wpml")
+    errors.check("DJI waylines.wpml", degrees=0.5)
 
 
 def test_elements_are_in_djis_order_and_namespaces(flights: Any) -> None:
@@ -96,11 +96,11 @@ def test_elements_are_in_djis_order_and_namespaces(flights: Any) -> None:
             config = document.find(f"{WPML}missionConfig")
             assert config is not None
             assert _names(config) == CONFIG
-            for element in document.iter():
-                of_kml = element.tag.rpartition("}")[2] in (
+            for part in document.iter():
+                of_kml = part.tag.rpartition("}")[2] in (
                     *("Document", "Folder", "Placemark", "Point", "coordinates"),
                 )
-                assert element.tag.startswith(KML if of_kml else WPML), element.tag
+                assert part.tag.startswith(KML if of_kml else WPML), part.tag
         for document, start, inside in (
             (template, TEMPLATE, TEMPLATE_POINT),
             (waylines, WAYLINE, WAYLINE_POINT),
@@ -144,6 +144,8 @@ def test_settings_are_in_the_file(flights: Any) -> None:
         assert _text(config, "payloadInfo", "payloadEnumValue") == "53"
         hovers = [float(found.text or "") for found in document.iter(f"{WPML}hoverTime")]
         assert hovers == [2.0] * len(flights[0].views)
+    for document in _documents(flights[0].write(format="dji-kmz", hold_s=0.0)):
+        assert document.find(f".//{WPML}hoverTime") is None  # more than 0 s
     folder = waylines.find(f"{KML}Folder")
     assert folder is not None
     assert _text(folder, "executeHeightMode") == "relativeToStartPoint"
@@ -159,6 +161,20 @@ ENUMS = {
     "m3m": ("77", "2", "68"),
     "m3d": ("91", "0", "80"),
     "m3td": ("91", "1", "81"),
+    "m4e": ("99", "0", "88"),
+    "m4t": ("99", "1", "89"),
+    "m4d": ("100", "0", "98"),
+    "m4td": ("100", "1", "99"),
+    "m300-h20": ("60", "0", "42"),
+    "m300-h20t": ("60", "0", "43"),
+    "m300-h20n": ("60", "0", "61"),
+    "m300-h30": ("60", "0", "82"),
+    "m300-h30t": ("60", "0", "83"),
+    "m350-h20": ("89", "0", "42"),
+    "m350-h20t": ("89", "0", "43"),
+    "m350-h20n": ("89", "0", "61"),
+    "m350-h30": ("89", "0", "82"),
+    "m350-h30t": ("89", "0", "83"),
 }
 
 
@@ -230,7 +246,7 @@ def test_numbers_have_no_exponents(scene: Any) -> None:
         (7, "7"),
         (1e10, f"1{'0' * 10}"),
     ):
-        assert dji_kmz.element("a", value) == f"<a>{written}</a>"
+        assert element("a", value) == f"<a>{written}</a>"
 
 
 def test_altitudes_above_the_ellipsoid_come_with_those_above_sea_level(flights: Any) -> None:

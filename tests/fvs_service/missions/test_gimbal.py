@@ -17,20 +17,24 @@ from fvs_schema.missions import MissionFile, MissionOptions, MissionView
 from fvs_schema.poses import FramePose
 
 HOME = {"home_latitude_deg": 46.02, "home_longitude_deg": 7.75, "home_altitude_m": 500.0}
-OF_GIMBALS = ("qgc-plan", "qgc-wpl", "dji-kmz", "mavsdk")
+OF_GIMBALS = ("qgc-plan", "qgc-wpl", "dji-kmz", "litchi-csv", "mavsdk", "kml")
 OTHERS = ("csv", "geojson", "ros-posearray", "ros-posestamped")
 
 
 def _view(roll: float, pitch: float = -30.0, yaw: float = 70.0) -> MissionView:
+    """A view that is higher the more it is rolled."""
     rotation = camera_at(np.zeros(3), yaw, pitch, roll).rotation
-    pose = FramePose(position=(9.0, 9.0, 30.0), orientation_wxyz=tuple(quaternion_from_matrix(rotation)))
+    pose = FramePose(
+        position=(9.0, 9.0, 30.0 + abs(roll) + roll / 10),
+        orientation_wxyz=tuple(quaternion_from_matrix(rotation)),
+    )
     return MissionView(id=f"rolled-{roll:g}", pose=pose)
 
 
 @pytest.fixture
 def write(scene: Callable[..., WorldFrame]) -> Callable[..., MissionFile]:
     def write(views: list[MissionView], **options: Any) -> MissionFile:
-        wanted = MissionOptions.model_validate({**HOME, **options})
+        wanted = MissionOptions.model_validate({**HOME, "autopilot": "px4", **options})
         return write_mission("m", scene(), views, (), wanted, None)
 
     return write

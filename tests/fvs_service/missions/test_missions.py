@@ -54,12 +54,14 @@ def test_a_file_has_a_name_a_type_and_the_ranked_candidates_in_order(gateway: An
         ("geojson", "geojson", "application/geo+json"),
         ("csv", "csv", "text/csv; charset=utf-8"),
         ("dji-kmz", "kmz", "application/vnd.google-earth.kmz"),
+        ("litchi-csv", "litchi.csv", "text/csv; charset=utf-8"),
         ("mavsdk", "mavsdk.json", "application/json"),
+        ("kml", "kml", "application/vnd.google-earth.kml+xml"),
         ("ros-posearray", "posearray.json", "application/json"),
         ("ros-posestamped", "posestamped.json", "application/json"),
         ("nerfstudio", "transforms.json", "application/json"),
     ):
-        answer = _mission(gateway, ranking, format=name, **HOME)
+        answer = _mission(gateway, ranking, format=name, autopilot="px4", **HOME)
         assert answer.status_code == 200, answer.text
         disposition = f'attachment; filename="{ranking["id"]}.{suffix}"'
         assert answer.headers["content-disposition"] == disposition
@@ -79,7 +81,7 @@ def test_a_file_has_a_name_a_type_and_the_ranked_candidates_in_order(gateway: An
 
 def test_the_capabilities_list_the_formats(gateway: Any, ranking: Any) -> None:
     for name in gateway.client.get("/v1/capabilities").json()["mission_formats"]:
-        assert _mission(gateway, ranking, format=name, **HOME).status_code == 200
+        assert _mission(gateway, ranking, format=name, autopilot="px4", **HOME).status_code == 200
     assert _mission(gateway, ranking, format="pdf").status_code == 422
     assert _mission(gateway, ranking).json()["errors"][0]["field"] == "format"
 
@@ -259,7 +261,7 @@ def test_tours_of_vehicles_are_cut_to_a_battery(gateway: Any, scene: str, rankin
     candidates = [{"id": item["id"], "pose": item["pose"]} for item in ranking["candidates"]]
     request = {"candidates": candidates, "vehicles": [candidates[0]["pose"], candidates[2]["pose"]]}
     plan = gateway.client.post(f"/v1/scenes/{scene}/plans", json=request).json()
-    options = {"format": "csv", **HOME, "battery_distance_m": 150}
+    options = {"format": "csv", **HOME, "battery_s": 200}
     for number, tour in enumerate(plan["tours"], start=1):
         flown, part, parts = [], 1, 1
         while part <= parts:

@@ -70,7 +70,7 @@ def _upload_request() -> Any:
 def test_protobuf_reads_many_missions_of_mavsdk(flights: Any, errors: Any) -> None:
     kind = _upload_request()
     for flight in flights:
-        document = json.loads(flight.write(format="mavsdk", speed_m_s=3.0))
+        document = json.loads(flight.write(format="mavsdk", autopilot="px4", speed_m_s=3.0))
         assert document.pop("return_to_launch_after_mission") is True
         items = json_format.ParseDict(document, kind()).mission_plan.mission_items
         photographed = [item for item in items if item.camera_action == 1]
@@ -83,6 +83,13 @@ def test_protobuf_reads_many_missions_of_mavsdk(flights: Any, errors: Any) -> No
         assert not any(item.is_fly_through for item in items)
         assert np.isnan(items[0].camera_photo_distance_m)
     errors.check("MAVSDK")
+
+
+def test_mavsdks_items_are_not_for_ardupilot(flights: Any) -> None:
+    with pytest.raises(InvalidRequestError, match="items are for PX4: ArduPilot drops the first") as refused:
+        flights[0].write(format="mavsdk")
+    assert [error.field for error in refused.value.errors] == ["autopilot"]
+    assert "import_qgroundcontrol_mission" in refused.value.hint
 
 
 def test_many_missions_come_back_from_tables_and_maps(flights: Any, errors: Any) -> None:
@@ -167,7 +174,7 @@ def test_robots_need_metres_and_no_latitude() -> None:
         with pytest.raises(InvalidRequestError, match="The scene has no metres, which ROS needs") as refused:
             _written(AlignmentStatus.MODEL, format=name)
         assert "GPS" in refused.value.hint
-    for name in ("qgc-plan", "qgc-wpl", "dji-kmz", "mavsdk", "csv", "geojson"):
+    for name in ("qgc-plan", "qgc-wpl", "dji-kmz", "litchi-csv", "mavsdk", "kml", "csv", "geojson"):
         with pytest.raises(InvalidRequestError, match="not georeferenced"):
             _written(AlignmentStatus.ALIGNED, format=name)
 

@@ -1,6 +1,7 @@
 """Missions cut to a battery: parts begin and end at home, are short enough, and as few as possible."""
 
 import csv
+import json
 from collections.abc import Callable, Sequence
 from itertools import chain, pairwise
 from typing import Any
@@ -55,16 +56,22 @@ def _rows(file: MissionFile) -> list[dict[str, str]]:
     return list(csv.DictReader(file.content.decode().splitlines()))
 
 
-def _flown_m(file: MissionFile) -> float:
-    """The length of a part from the ground at home to the ground at home, from its table alone."""
+def _flown_s(file: MissionFile, *, takes_off: bool = True) -> float:
+    """The time of a part from the ground at home to the ground at home, from its table alone."""
+    rows = _rows(file)
     way = [
-        (float(row["latitude_deg"]), float(row["longitude_deg"]), float(row["altitude_m"]))
-        for row in _rows(file)
+        (float(row["latitude_deg"]), float(row["longitude_deg"]), float(row["altitude_m"])) for row in rows
     ]
     home = (LATITUDE, LONGITUDE)
-    way = [(*home, 0.0), (*home, max(2.0, way[0][2])), *way, (*home, way[-1][2]), (*home, 0.0)]
+    start = [(*home, 0.0)] if takes_off else []
+    way = [*start, (*home, max(2.0, way[0][2])), *way, (*home, way[-1][2]), (*home, 0.0)]
     enu = [pymap3d.geodetic2enu(*place, LATITUDE, LONGITUDE, 0.0) for place in way]
-    return sum(float(np.linalg.norm(np.subtract(*two))) for two in pairwise(enu))
+    seconds = 20.0  # the last metres of the landing
+    for before, after in pairwise(enu):
+        east, north, up = np.subtract(after, before)
+        climb_s = up / 2.5 if up > 0.0 else -up / 1.5
+        seconds += max(float(np.hypot(east, north)) / 5.0, climb_s) + 2.4 * 5.0**0.5
+    return seconds + sum(4.0 + 4.0 + 1.0 for row in rows if row["id"])
 
 
 def _parts(write: Write, views: Sequence[MissionView], **options: Any) -> list[MissionFile]:
@@ -77,23 +84,29 @@ def _names(parts: Sequence[MissionFile]) -> list[list[str]]:
 
 
 def test_parts_are_numbered_and_no_longer_than_a_battery_lasts(write: Write) -> None:
-    views = [_view(f"v{east}", east) for east in range(50, 350, 50)]
-    parts = _parts(write, views, battery_distance_m=650)  # there and back to v300 it is 640 m
-    assert [part.name for part in parts] == ["m-1-of-1.csv"]
     views = [_view(f"v{number}", east) for number, east in enumerate((50, 250, 40, 240, 30))]
-    parts = _parts(write, views, battery_distance_m=650)
+    options = {"battery_s": 250, "battery_reserve": 0.0}
+    parts = _parts(write, views, **options)
     assert [part.name for part in parts] == ["m-1-of-2.csv", "m-2-of-2.csv"]
     assert _names(parts) == [["v0", "v1", "v2"], ["v3", "v4"]]
-    assert [round(_flown_m(part)) for part in parts] == [540, 520]
+    assert [round(_flown_s(part)) for part in parts] == [201, 182]
+    assert [part.name for part in _parts(write, views[:3], **options)] == ["m-1-of-1.csv"]
     assert write(views).name == "m.csv"
     assert write(views).parts == 1
+
+
+def test_the_reserve_is_not_flown(write: Write) -> None:
+    views = [_view(f"v{number}", east) for number, east in enumerate((50, 250, 40))]
+    for battery_s, parts in ((290, 1), (280, 2)):  # 203 s and 196 s; together it takes 201 s
+        assert write(views, battery_s=battery_s).parts == parts
+    assert write(views, battery_s=290, battery_reserve=0.4).parts == 3
 
 
 @pytest.mark.parametrize("options", [{}, {"transit_height_m": 60.0}, {"takeoff": False}], ids=str)
 def test_another_view_never_fits_into_a_part(write: Write, options: dict[str, Any]) -> None:
     generator = np.random.default_rng(3)
     views = [_view(f"v{number}", *generator.uniform((20, 5), (200, 50)).tolist()) for number in range(20)]
-    options = {**options, "battery_distance_m": 600.0}
+    options = {**options, "battery_s": 400.0, "battery_reserve": 0.25}
     parts = _parts(write, views, **options)
     assert len(parts) > 2
     names = _names(parts)
@@ -101,57 +114,83 @@ def test_another_view_never_fits_into_a_part(write: Write, options: dict[str, An
     for part, following in pairwise(names):
         longer = views[int(part[0][1:]) : int(following[0][1:]) + 1]
         assert write(longer, **options).parts == 2
-    climbs = options.get("takeoff", True)
-    for part in parts:
-        climb_m = 0.0 if climbs else max(2.0, float(_rows(part)[0]["altitude_m"]))
-        assert _flown_m(part) - climb_m <= 600.0 + 0.01
+    for number, part in enumerate(parts, start=1):
+        flown_s = _flown_s(part, takes_off=options.get("takeoff", True))
+        assert flown_s <= 300.0 + 0.01
+        features = json.loads(write(views, **{**options, "format": "geojson"}, part=number).content)[
+            "features"
+        ]
+        route = next(one["properties"] for one in features if one["properties"]["kind"] == "route")
+        assert route["duration_s"] == pytest.approx(flown_s, abs=0.06)
+
+
+def test_a_route_has_a_length_and_a_duration(write: Write) -> None:
+    def route(**options: Any) -> tuple[float, float]:
+        file = write([_view("a", 100), _view("b", 200)], format="geojson", **options)
+        features = json.loads(file.content)["features"]
+        found = next(one["properties"] for one in features if one["properties"]["kind"] == "route")
+        return round(found["length_m"]), round(found["duration_s"])
+
+    stop_s, view_s = 2.4 * 5.0**0.5, 9.0
+    nowhere = {"home_latitude_deg": None, "home_longitude_deg": None, "home_altitude_m": None}
+    assert route(**nowhere) == (100, round(20 + stop_s + 2 * view_s))
+    assert route(finish="hold") == (220, round(8 + 40 + 3 * stop_s + 2 * view_s))
+    # Where the altitude of home is not known, neither are the climb and the way down.
+    assert route(home_altitude_m=None) == (400, round(80 + 3 * stop_s + 2 * view_s + 20))
+    assert route(speed_m_s=10.0, hold_s=0.0) == (440, round(8 + 40 + 13.33 + 12 * 10**0.5 + 10 + 20))
 
 
 def test_a_detour_at_home_goes_with_the_first_and_the_last_view(write: Write) -> None:
     first = _view("a", 100, via=(_pose(50, 70),))
     views = [first, _view("b", 100, via=(_pose(100, 80),)), _view("c", 100, via=(_pose(100, 90),))]
-    parts = _parts(write, views, battery_distance_m=355, via_home=(_pose(50, 75),))
+    parts = _parts(write, views, battery_s=240, battery_reserve=0.0, via_home=(_pose(50, 75),))
     heights = [[round(float(row["altitude_m"])) for row in _rows(part)] for part in parts]
     assert heights == [[70, 20], [20], [20, 75]]
     assert _names(parts) == [["a"], ["b"], ["c"]]
-    (whole,) = _parts(write, views, battery_distance_m=1000, via_home=(_pose(50, 75),))
+    (whole,) = _parts(write, views, battery_s=1000, via_home=(_pose(50, 75),))
     assert [round(float(row["altitude_m"])) for row in _rows(whole)] == [70, 20, 80, 20, 90, 20, 75]
 
 
 def test_a_view_that_is_out_of_reach_is_refused_or_left_out(write: Write) -> None:
     views = [_view("near", 50), _view("far", 400), _view("beside", 60)]
-    reason = "to it alone and back it is 840 m; a battery flies 500 m"
+    reason = "to it alone and back it takes 232 s; a battery of 250 s flies 175 s and keeps a reserve of 30%"
     with pytest.raises(InvalidRequestError, match="The view far cannot be flown") as refused:
-        write(views, battery_distance_m=500)
+        write(views, battery_s=250)
     assert [(error.field, error.message) for error in refused.value.errors] == [("far", reason)]
-    left = write(views, battery_distance_m=500, leave_out=True)
+    left = write(views, battery_s=250, leave_out=True)
     assert (left.left_out, left.reasons, left.parts) == (("far",), (reason,), 1)
     assert _names([left]) == [["near", "beside"]]
     with pytest.raises(InvalidRequestError, match="No view is left"):
-        write(views[1:2], battery_distance_m=500, leave_out=True)
+        write(views[1:2], battery_s=250, leave_out=True)
 
 
 def test_parts_need_home_and_return_to_it(write: Write) -> None:
     views = [_view("a", 50)]
-    with pytest.raises(InvalidRequestError, match="battery_distance_m is measured from home"):
-        write(views, battery_distance_m=500, home_altitude_m=None)
+    with pytest.raises(InvalidRequestError, match="battery_s is measured from home"):
+        write(views, battery_s=500, home_altitude_m=None)
     nowhere: dict[str, Any] = {"home_latitude_deg": None, "home_longitude_deg": None}
-    for wrong, said in ((nowhere, "home, which is missing"), ({"finish": "hold"}, "the vehicle returns")):
+    for wrong, said in (
+        (nowhere, "home, which is missing"),
+        ({"finish": "hold"}, "the vehicle returns"),
+        ({"battery_reserve": 0.95}, "must be at most 0.9"),
+        ({"battery_s": float("nan")}, "finite"),
+    ):
         with pytest.raises(InvalidInput, match=said):
-            MissionOptions(**{"format": MissionFormat.CSV, **HOME, "battery_distance_m": 500, **wrong})
+            MissionOptions(**{"format": MissionFormat.CSV, **HOME, "battery_s": 500, **wrong})
     with pytest.raises(InvalidRequestError, match="part: the mission has 1 part, counted from 1"):
-        write(views, battery_distance_m=500, part=2)
+        write(views, battery_s=500, part=2)
     with pytest.raises(InvalidRequestError) as refused:
         write(views, part=2)
-    assert "Give battery_distance_m" in refused.value.hint
+    assert "Give battery_s" in refused.value.hint
 
 
 def test_every_format_has_the_same_parts(write: Write) -> None:
-    views = [_view(f"v{number}", 200) for number in range(3)]
+    views = [_view(f"v{number}", 200 + number) for number in range(3)]
     for name in MissionFormat:
-        parts = _parts(write, views, battery_distance_m=441, format=name)
+        options = {"battery_reserve": 0.0, "format": name, "autopilot": "px4"}
+        parts = _parts(write, views, battery_s=200, **options)
         assert [part.parts for part in parts] == [1]
-        parts = _parts(write, [*views, _view("w", 20), *views], battery_distance_m=445, format=name)
+        parts = _parts(write, [*views, _view("w", 20), *views], battery_s=250, **options)
         assert [part.parts for part in parts] == [2, 2]
         assert len({part.content for part in parts}) == 2
         assert all(f"-{number}-of-2." in part.name for number, part in enumerate(parts, start=1))
@@ -172,12 +211,12 @@ def test_the_ways_of_a_cut_are_over_the_terrain(write: Write) -> None:
     over = (_pose(35, 80),)
     views = [_view("a", 100, via=over), _view("b", 120), _view("c", 100)]
     with pytest.raises(InvalidRequestError) as refused:
-        write(views, battery_distance_m=300, terrain=hill, via_home=over)
+        write(views, battery_s=230, battery_reserve=0.0, terrain=hill, via_home=over)
     reasons = {error.field: error.message for error in refused.value.errors}
     assert "under ground" in reasons["b"]
-    assert write(views, battery_distance_m=900, terrain=hill, via_home=over).parts == 1
+    assert write(views, battery_s=900, terrain=hill, via_home=over).parts == 1
     views = [_view("a", 100), _view("b", 118), _view("c", 100), _view("d", 118)]
-    parts = _parts(write, views, battery_distance_m=480, terrain=hill, transit_height_m=10.0)
+    parts = _parts(write, views, battery_s=400, terrain=hill, transit_height_m=10.0)
     assert _names(parts) == [["a", "b", "c"], ["d"]]
     assert [max(round(float(row["altitude_m"])) for row in _rows(part)) for part in parts] == [70, 70]
 

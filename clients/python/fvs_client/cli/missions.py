@@ -94,14 +94,24 @@ def mission(
     leave_out: Annotated[
         bool, typer.Option("--leave-out", help="Leave out views that cannot be flown.")
     ] = False,
-    battery_distance: Annotated[
+    battery: Annotated[
         float | None,
         typer.Option(
-            min=1,
-            max=1_000_000,
-            metavar="M",
-            help="Cut the mission into numbered files, each of which begins and ends at home and is no "
-            "longer than this; `--out` is a folder. Needs home and its altitude.",
+            min=10,
+            max=100_000,
+            metavar="S",
+            help="How long the vehicle flies on one battery. Cuts the mission into numbered files, each of "
+            "which begins and ends at home; `--out` is a folder. Needs home and its altitude.",
+        ),
+    ] = None,
+    reserve: Annotated[
+        float | None,
+        typer.Option(
+            min=0,
+            max=0.9,
+            metavar="SHARE",
+            help="The share of the battery with which it lands; with --battery.",
+            show_default="0.3",
         ),
     ] = None,
     speed: Annotated[
@@ -152,7 +162,8 @@ def mission(
         "geoid_height_m": geoid,
         "above_ground": above_ground or None,
         "leave_out": leave_out,
-        "battery_distance_m": battery_distance,
+        "battery_s": battery,
+        "battery_reserve": reserve,
         "speed_m_s": speed,
         "acceptance_radius_m": acceptance,
         "hold_s": hold,
@@ -191,7 +202,7 @@ def mission(
             given |= {"snapshot_id": _needed(plan.snapshot_id, tour.stops, tour.via_home), "terrain": ground}
             write = partial(scene.mission, tour, format, **given)
         file = write()
-        folder = out if battery_distance is None else f"{out}/"
+        folder = out if battery is None else f"{out}/"
         paths = [file.save(folder)]
         paths += [write(part=part).save(folder) for part in range(2, file.parts + 1)]
     if as_json:

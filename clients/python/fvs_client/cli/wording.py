@@ -8,6 +8,8 @@ from fvs_schema.error_codes import FieldError
 _OPTIONS = {
     "acceptance_radius_m": "--acceptance",
     "altitude_datum": "--altitudes",
+    "battery_reserve": "--reserve",
+    "battery_s": "--battery",
     "current_pose": "--current",
     "distance_m": "--distance",
     "expires_in_s": "--expires",

@@ -32,8 +32,10 @@ class MissionSettings(TypedDict, total=False):
     """A polygon to stay inside: `latitude,longitude;latitude,longitude;…`."""
     leave_out: bool
     """Leave out views that cannot be flown, instead of raising ``InvalidRequestError``."""
-    battery_distance_m: float
-    """Cut the mission into parts, each of which begins and ends at home and is no longer than this."""
+    battery_s: float
+    """How long the vehicle flies on one battery: cut the mission into parts that begin and end at home."""
+    battery_reserve: float
+    """The share of the battery with which it lands."""
     part: int
     """The part to write, counted from 1."""
     speed_m_s: float

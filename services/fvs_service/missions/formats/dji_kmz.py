@@ -7,16 +7,16 @@ import io
 import re
 import zipfile
 from collections.abc import Iterator
-from xml.sax.saxutils import escape
 
 from fvs_schema.error_codes import FieldError
 from fvs_schema.missions import Drone, Finish
 from fvs_schema.scenes import AltitudeDatum
 from fvs_service.errors import InvalidRequestError
 from fvs_service.missions.flight import Mission, Waypoint
+from fvs_service.missions.formats.xml import HEAD, KML, element, text
 
 DATUMS = frozenset({AltitudeDatum.TAKEOFF, AltitudeDatum.ELLIPSOID})
-_KML, _WPML = "http://www.opengis.net/kml/2.2", "http://www.dji.com/wpmz/1.0.2"
+_WPML = "http://www.dji.com/wpmz/1.0.2"
 _MOST_WAYPOINTS = 65_536
 """An index is at most 65,535."""
 _SPEEDS_M_S = (1.0, 15.0)
@@ -35,8 +35,25 @@ _ENUMS = {
     Drone.M3M: (77, 2, 68),
     Drone.M3D: (91, 0, 80),
     Drone.M3TD: (91, 1, 81),
+    Drone.M4E: (99, 0, 88),
+    Drone.M4T: (99, 1, 89),
+    Drone.M4D: (100, 0, 98),
+    Drone.M4TD: (100, 1, 99),
+    Drone.M300_H20: (60, 0, 42),
+    Drone.M300_H20T: (60, 0, 43),
+    Drone.M300_H20N: (60, 0, 61),
+    Drone.M300_H30: (60, 0, 82),
+    Drone.M300_H30T: (60, 0, 83),
+    Drone.M350_H20: (89, 0, 42),
+    Drone.M350_H20T: (89, 0, 43),
+    Drone.M350_H20N: (89, 0, 61),
+    Drone.M350_H30: (89, 0, 82),
+    Drone.M350_H30T: (89, 0, 83),
 }
-"""DJI's numbers of aircraft, its variant and its camera."""
+"""DJI's numbers of the aircraft, its variant and its camera.
+
+https://developer.dji.com/doc/cloud-api-tutorial/en/overview/product-support.html
+"""
 _FIRST_TIME = (1980, 1, 1, 0, 0, 0)
 """The same mission gives the same bytes."""
 _READABLE = 0o644
@@ -89,10 +106,7 @@ def _relative(mission: Mission) -> bool:
 
 
 def _document(*content: str) -> str:
-    return (
-        '<?xml version="1.0" encoding="UTF-8"?>\n'
-        f'<kml xmlns="{_KML}" xmlns:wpml="{_WPML}">{element("Document", *content)}</kml>\n'
-    )
+    return f'{HEAD}<kml xmlns="{KML}" xmlns:wpml="{_WPML}">{element("Document", *content)}</kml>\n'
 
 
 def _wpml(tag: str, *content: str | float) -> str:
@@ -196,20 +210,21 @@ def _placemark(number: int, waypoint: Waypoint, *content: str) -> str:
 
 
 def _heading(waypoint: Waypoint) -> Iterator[str]:
-    """It turns on the way, and has its yaw when it arrives."""
+    """It turns on the way, and has its yaw, in whole degrees, when it arrives."""
     yield _wpml("waypointHeadingMode", "smoothTransition")
-    yield _wpml("waypointHeadingAngle", (waypoint.yaw_deg + 180.0) % 360.0 - 180.0)
+    # An integer before version 1.10 of DJI's Cloud API, a float since: an integer is right in both.
+    yield _wpml("waypointHeadingAngle", round((waypoint.yaw_deg + 180.0) % 360.0 - 180.0))
     yield _wpml("waypointPoiPoint", "0.000000,0.000000,0.000000")
     yield _wpml("waypointHeadingPathMode", "followBadArc")
 
 
 def _actions(mission: Mission, number: int, waypoint: Waypoint) -> Iterator[str]:
-    """The actions at a view: turn the gimbal, hold still, take a photograph."""
+    """The actions at a view: turn the gimbal, hold still for more than 0 s, take a photograph."""
     if waypoint.name is None:
         return
     actions = (
         ("gimbalRotate", _gimbal(waypoint)),
-        ("hover", (_wpml("hoverTime", mission.options.hold_s),)),
+        *([("hover", (_wpml("hoverTime", mission.options.hold_s),))] if mission.options.hold_s > 0.0 else ()),
         ("takePhoto", _photograph(waypoint.name)),
     )
     yield _wpml(
@@ -273,20 +288,3 @@ def _height(mission: Mission, waypoint: Waypoint) -> float:
 
 def _clamped(value: float, limits: tuple[float, float]) -> float:
     return min(max(value, limits[0]), limits[1])
-
-
-def element(tag: str, *content: str | float) -> str:
-    """An element: its content is elements, or one text or number."""
-    inner = "".join(part if isinstance(part, str) else _number(part) for part in content)
-    return f"<{tag}>{inner}</{tag}>"
-
-
-def text(value: str) -> str:
-    """A text as content."""
-    return escape(value)
-
-
-def _number(value: float) -> str:
-    """A number without an exponent, which some readers reject; rounded to nine decimals."""
-    digits = f"{value:.9f}".rstrip("0").rstrip(".")
-    return "0" if digits == "-0" else digits

@@ -12,14 +12,11 @@ from fvs_schema.missions import Autopilot, Finish
 from fvs_schema.scenes import AltitudeDatum
 from fvs_service.errors import InvalidRequestError
 from fvs_service.missions.flight import Mission, Waypoint
+from fvs_service.missions.parts import AFTER_PHOTOGRAPH_S, TURN_S
 
 DATUMS = frozenset({AltitudeDatum.TAKEOFF, AltitudeDatum.SEA_LEVEL})
 _MOST_ITEMS = 65_535
 """``MISSION_COUNT`` has 16 bits."""
-_AFTER_PHOTOGRAPH_S = 1.0
-"""Time for which a camera is kept still after the command to take a photograph."""
-_TURN_S = 4.0
-"""An ArduCopter turns by up to 180° in this time, at its 60°/s by default."""
 _TARGETING = 2.0
 """``MAV_MOUNT_MODE_MAVLINK_TARGETING``."""
 _GROUND_SPEED = 1.0
@@ -110,9 +107,9 @@ def _items(mission: Mission) -> Iterator[Item]:
             # drops what has not begun: a photograph in the same delay would be lost by a long turn.
             yield _waypoint(mission, waypoint, 0.0)
             yield _command(Command.CONDITION_YAW, waypoint.yaw_deg)
-            yield _delay(_TURN_S + options.hold_s)
+            yield _delay(TURN_S + options.hold_s)
             yield _command(Command.DO_DIGICAM_CONTROL, fifth=1.0)
-        yield _delay(_AFTER_PHOTOGRAPH_S)
+        yield _delay(AFTER_PHOTOGRAPH_S)
     if options.finish is Finish.RETURN:
         yield _command(Command.NAV_RETURN_TO_LAUNCH)
 

@@ -1,22 +1,32 @@
-"""Mission items of MAVSDK, as the JSON of ``mavsdk.rpc.mission.UploadMissionRequest``.
+"""Items of MAVSDK's plugin ``mission``, as the JSON of ``mavsdk.rpc.mission.UploadMissionRequest``.
 
 Every protobuf library with MAVSDK's ``mission.proto`` reads it; in Python the fields of an item are those of
-``mavsdk.mission.MissionItem``. Altitudes are above home, and MAVSDK takes off by itself.
+``mavsdk.mission.MissionItem``. Altitudes are above home, and MAVSDK takes off by itself. The plugin is for
+PX4: ArduPilot takes the first item for home, and turns to no waypoint's yaw.
 """
 
 from typing import Any
 
 import orjson
 
-from fvs_schema.missions import Finish
+from fvs_schema.error_codes import FieldError
+from fvs_schema.missions import Autopilot, Finish
 from fvs_schema.scenes import AltitudeDatum
+from fvs_service.errors import InvalidRequestError
 from fvs_service.missions.flight import Mission, Waypoint
 
 DATUMS = frozenset({AltitudeDatum.TAKEOFF})
 
 
 def write(mission: Mission) -> bytes:
-    """The mission as MAVSDK's items."""
+    """The mission as MAVSDK's items; raises ``InvalidRequestError`` for ArduPilot."""
+    if mission.options.autopilot is Autopilot.ARDUPILOT:
+        raise InvalidRequestError(
+            "MAVSDK's mission items are for PX4: ArduPilot drops the first one and does not turn to views.",
+            hint="For PX4 give autopilot=px4. For ArduPilot ask for format=qgc-plan, which MAVSDK's "
+            "mission_raw reads (import_qgroundcontrol_mission) and uploads.",
+            errors=[FieldError("autopilot", "MAVSDK's mission items are for px4")],
+        )
     document = {
         "mission_plan": {"mission_items": [_item(mission, waypoint) for waypoint in mission.waypoints]},
         # MAVSDK sets this with a separate call: mission.set_return_to_launch_after_mission.

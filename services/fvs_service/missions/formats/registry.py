@@ -11,6 +11,8 @@ from fvs_service.missions.flight import Mission
 from fvs_service.missions.formats import (
     dji_kmz,
     geojson,
+    kml,
+    litchi,
     mavlink_items,
     mavsdk,
     nerfstudio,
@@ -21,7 +23,7 @@ from fvs_service.missions.formats import (
 )
 
 _ALL = frozenset(AltitudeDatum)
-_JSON = "application/json"
+_JSON, _CSV = "application/json", "text/csv; charset=utf-8"
 
 
 @dataclass(frozen=True)
@@ -61,9 +63,13 @@ WRITERS: dict[MissionFormat, MissionWriter | PoseWriter] = {
     MissionFormat.DJI_KMZ: MissionWriter(
         "DJI", ".kmz", "application/vnd.google-earth.kmz", dji_kmz.DATUMS, dji_kmz.write, "shown"
     ),
+    MissionFormat.LITCHI_CSV: MissionWriter("Litchi", ".litchi.csv", _CSV, litchi.DATUMS, litchi.write),
     MissionFormat.MAVSDK: MissionWriter("MAVSDK", ".mavsdk.json", _JSON, mavsdk.DATUMS, mavsdk.write),
+    MissionFormat.KML: MissionWriter(
+        "KML", ".kml", "application/vnd.google-earth.kml+xml", kml.DATUMS, kml.write, "shown"
+    ),
     MissionFormat.GEOJSON: MissionWriter("GeoJSON", ".geojson", "application/geo+json", _ALL, geojson.write),
-    MissionFormat.CSV: MissionWriter("CSV", ".csv", "text/csv; charset=utf-8", _ALL, table.write),
+    MissionFormat.CSV: MissionWriter("CSV", ".csv", _CSV, _ALL, table.write),
     MissionFormat.ROS_POSEARRAY: PoseWriter("ROS", ".posearray.json", _JSON, True, ros.write_pose_array),
     MissionFormat.ROS_POSESTAMPED: PoseWriter(
         "ROS", ".posestamped.json", _JSON, True, ros.write_poses_stamped
