@@ -99,16 +99,20 @@ def mission_file(response: httpx2.Response) -> MissionFile:
     )
     if found is None:
         raise UnexpectedAnswerError("The answer is no file.", hint="Check the URL.")
-    left_out, parts = response.headers.get("left-out", ""), response.headers.get("mission-parts", "")
+    headers = response.headers
+    left_out = headers.get("left-out", "")
+    length_m, duration_s = headers.get("mission-length-m"), headers.get("mission-duration-s")
     try:
-        reasons = _REASONS.validate_json(response.headers.get("left-out-reasons", "[]"))
-    except pydantic.ValidationError:  # of another version of the service
-        reasons = ()
-    return MissionFile(
-        name=found[1],
-        media_type=response.headers.get("content-type", ""),
-        content=response.content,
-        parts=int(parts) if parts.isascii() and parts.isdigit() else 1,
-        left_out=tuple(left_out.split(",")) if left_out else (),
-        reasons=reasons,
-    )
+        return MissionFile(
+            name=found[1],
+            media_type=headers.get("content-type", ""),
+            content=response.content,
+            parts=int(headers.get("mission-parts", "1")),
+            views=int(headers.get("mission-views", "0")),
+            length_m=None if length_m is None else float(length_m),
+            duration_s=None if duration_s is None else float(duration_s),
+            left_out=tuple(left_out.split(",")) if left_out else (),
+            reasons=_REASONS.validate_json(headers.get("left-out-reasons", "[]")),
+        )
+    except ValueError as error:
+        raise UnexpectedAnswerError(f"The answer's headers cannot be read: {error}") from None

@@ -334,12 +334,16 @@ class MissionRequest(Input):
 class MissionFile:
     """A mission as bytes, the ids of the views that are not in it, and why the first of those are not.
 
-    ``parts`` is the number of files that the mission is cut into, of which this is one.
+    ``parts`` is the number of files that the mission is cut into, of which this is one. ``length_m`` and
+    ``duration_s`` are those of the flight, from home and back to it where that is known; None for poses.
     """
 
     name: str
     media_type: str
     content: bytes
     parts: int
+    views: int
+    length_m: float | None
+    duration_s: float | None
     left_out: tuple[str, ...]
     reasons: tuple[str, ...]

@@ -1122,17 +1122,23 @@ class AnyTerrain(_message.Message):
     def __init__(self, heights: _Optional[_Union[Terrain, _Mapping]] = ..., points: _Optional[_Union[TerrainOfPoints, _Mapping]] = ...) -> None: ...
 
 class MissionFile(_message.Message):
-    __slots__ = ("name", "media_type", "content", "left_out", "reasons", "parts")
+    __slots__ = ("name", "media_type", "content", "left_out", "reasons", "parts", "views", "length_m", "duration_s")
     NAME_FIELD_NUMBER: _ClassVar[int]
     MEDIA_TYPE_FIELD_NUMBER: _ClassVar[int]
     CONTENT_FIELD_NUMBER: _ClassVar[int]
     LEFT_OUT_FIELD_NUMBER: _ClassVar[int]
     REASONS_FIELD_NUMBER: _ClassVar[int]
     PARTS_FIELD_NUMBER: _ClassVar[int]
+    VIEWS_FIELD_NUMBER: _ClassVar[int]
+    LENGTH_M_FIELD_NUMBER: _ClassVar[int]
+    DURATION_S_FIELD_NUMBER: _ClassVar[int]
     name: str
     media_type: str
     content: bytes
     left_out: _containers.RepeatedScalarFieldContainer[str]
     reasons: _containers.RepeatedScalarFieldContainer[str]
     parts: int
-    def __init__(self, name: _Optional[str] = ..., media_type: _Optional[str] = ..., content: _Optional[bytes] = ..., left_out: _Optional[_Iterable[str]] = ..., reasons: _Optional[_Iterable[str]] = ..., parts: _Optional[int] = ...) -> None: ...
+    views: int
+    length_m: float
+    duration_s: float
+    def __init__(self, name: _Optional[str] = ..., media_type: _Optional[str] = ..., content: _Optional[bytes] = ..., left_out: _Optional[_Iterable[str]] = ..., reasons: _Optional[_Iterable[str]] = ..., parts: _Optional[int] = ..., views: _Optional[int] = ..., length_m: _Optional[float] = ..., duration_s: _Optional[float] = ...) -> None: ...

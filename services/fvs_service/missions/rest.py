@@ -24,7 +24,8 @@ _KINDS = {writer.media_type.partition(";")[0] for writer in WRITERS.values()}
 _CONTENT = {
     "description": "The file. `Left-Out` names the views that are not in it, separated by commas; "
     "`Left-Out-Reasons` is a JSON array of why the first of them are not, in the same order. "
-    "`Mission-Parts` says into how many files the mission is cut.",
+    "`Mission-Parts` says into how many files the mission is cut; `Mission-Views` how many views this one "
+    "photographs; `Mission-Length-M` and `Mission-Duration-S`, which poses lack, how far and long it flies.",
     # Generators that take the first for all can read each as bytes or text, but not as JSON.
     "content": dict.fromkeys(sorted(_KINDS - _JSON.keys()), _BINARY) | _JSON,
 }
@@ -66,7 +67,13 @@ def _response(file: MissionFile) -> Response:
     headers = {
         "Content-Disposition": f'attachment; filename="{file.name}"',
         "Mission-Parts": str(file.parts),
+        "Mission-Views": str(file.views),
     }
+    if file.length_m is not None and file.duration_s is not None:
+        headers |= {
+            "Mission-Length-M": f"{file.length_m:.1f}",
+            "Mission-Duration-S": f"{file.duration_s:.1f}",
+        }
     if file.left_out:
         headers["Left-Out"] = ",".join(file.left_out)
         headers["Left-Out-Reasons"] = json.dumps(file.reasons)

@@ -49,11 +49,12 @@ def write_mission(
     ground = ground_up_m if terrain is None else terrain
     if options.above_ground:
         _require_above_ground(writer, options, terrain)
-    parts = 1
+    parts, length_m, duration_s = 1, None, None
     if isinstance(writer, MissionWriter):
         missions, violations = _composed(name, frame, views, via_home, options, ground, writer)
         mission, parts = _part(missions, options), len(missions)
-        name, content = mission.name, writer.write(mission)
+        name, content, count = mission.name, writer.write(mission), len(mission.views)
+        length_m, duration_s = mission.length_m, mission.duration_s
     else:
         violations = ()
         if frame.georeferenced:
@@ -63,6 +64,7 @@ def write_mission(
             views = [view for view in views if view.id in flown]
         else:
             _require_no_earth(frame, options, writer, terrain)
+        count = len(views)
         cameras = frame.world_from_cameras([view.pose for view in views])
         content = writer.write(CameraPoses(tuple(view.id for view in views), cameras, camera))
     return MissionFile(
@@ -70,6 +72,9 @@ def write_mission(
         media_type=writer.media_type,
         content=content,
         parts=parts,
+        views=count,
+        length_m=length_m,
+        duration_s=duration_s,
         left_out=tuple(violation.view for violation in violations),
         reasons=tuple(violation.reason for violation in violations[:MOST_NAMED]),
     )

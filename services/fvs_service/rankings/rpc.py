@@ -194,4 +194,7 @@ def _mission(file: MissionFile) -> pb.MissionFile:
         left_out=file.left_out,
         reasons=file.reasons,
         parts=file.parts,
+        views=file.views,
+        length_m=file.length_m,
+        duration_s=file.duration_s,
     )

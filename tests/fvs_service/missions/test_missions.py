@@ -66,6 +66,9 @@ def test_a_file_has_a_name_a_type_and_the_ranked_candidates_in_order(gateway: An
         disposition = f'attachment; filename="{ranking["id"]}.{suffix}"'
         assert answer.headers["content-disposition"] == disposition
         assert answer.headers["content-type"] == kind
+        assert int(answer.headers["mission-views"]) >= 2
+        flown = name not in ("ros-posearray", "ros-posestamped", "nerfstudio")
+        assert ("mission-duration-s" in answer.headers) == ("mission-length-m" in answer.headers) == flown
         assert "left-out" not in answer.headers
     rows = _rows(_mission(gateway, ranking, format="csv"))
     ranked = [item for item in ranking["candidates"] if item["status"] == "ranked"]

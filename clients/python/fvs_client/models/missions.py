@@ -61,13 +61,17 @@ class MissionFile:
     """A mission as a file, and the ids of the views that are not in it.
 
     ``reasons`` says why, in the order of ``left_out``; of the first views, if there are many. ``parts`` is
-    the number of files that the mission is cut into, of which this is one.
+    the number of files that the mission is cut into, of which this is one, with ``views``. ``length_m`` and
+    ``duration_s`` are those of the flight, from home and back to it where that is known; None for poses.
     """
 
     name: str
     media_type: str
     content: bytes
     parts: int = 1
+    views: int = 0
+    length_m: float | None = None
+    duration_s: float | None = None
     left_out: tuple[str, ...] = ()
     reasons: tuple[str, ...] = ()
 

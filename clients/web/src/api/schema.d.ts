@@ -1505,10 +1505,10 @@ export interface components {
         };
         /**
          * Drone
-         * @description An aircraft of DJI, with its own camera.
+         * @description An aircraft of DJI with its camera; a Matrice 300 or 350 RTK carries it on the port side.
          * @enum {string}
          */
-        Drone: "m30" | "m30t" | "m3e" | "m3t" | "m3m" | "m3d" | "m3td";
+        Drone: "m30" | "m30t" | "m3e" | "m3t" | "m3m" | "m3d" | "m3td" | "m4e" | "m4t" | "m4d" | "m4td" | "m300-h20" | "m300-h20t" | "m300-h20n" | "m300-h30" | "m300-h30t" | "m350-h20" | "m350-h20t" | "m350-h20n" | "m350-h30" | "m350-h30t";
         /**
          * EnuWorld
          * @description ENU, in metres, with an origin of your own.
@@ -2261,7 +2261,7 @@ export interface components {
          * @description What a mission is written for.
          * @enum {string}
          */
-        MissionFormat: "qgc-plan" | "qgc-wpl" | "dji-kmz" | "mavsdk" | "geojson" | "csv" | "ros-posearray" | "ros-posestamped" | "nerfstudio";
+        MissionFormat: "qgc-plan" | "qgc-wpl" | "dji-kmz" | "litchi-csv" | "mavsdk" | "kml" | "geojson" | "csv" | "ros-posearray" | "ros-posestamped" | "nerfstudio";
         /**
          * MissionRequest
          * @description Views to photograph, in the order of the flight; or photographs of a snapshot to take again.
@@ -6237,8 +6237,10 @@ export interface operations {
                 geofence?: string;
                 /** @description Leave out the views that cannot be flown: `Left-Out` names them, and `Left-Out-Reasons` says why. Otherwise they are an error. */
                 leave_out?: boolean;
-                /** @description The distance that the vehicle can fly on one battery. The views, in their order, are cut into as few parts as possible; each begins and ends at home and is no longer than this, with takeoff and landing. `Mission-Parts` says how many there are. Needs home and its altitude. */
-                battery_distance_m?: number;
+                /** @description How long the vehicle flies on one battery. The views, in their order, are cut into as few parts as possible; each begins and ends at home and takes no longer than this without the reserve, with takeoff, photographs and landing. `Mission-Parts` says how many there are. Needs home and its altitude. */
+                battery_s?: number;
+                /** @description The share of the battery with which it lands; with `battery_s`. */
+                battery_reserve?: number;
                 /** @description The part to write, counted from 1. */
                 part?: number;
                 /** @description The speed between views. */
@@ -6255,7 +6257,7 @@ export interface operations {
                 takeoff?: boolean;
                 /** @description What to do after the last view. */
                 finish?: components["schemas"]["Finish"];
-                /** @description The firmware that flies MAVLink commands. */
+                /** @description The firmware of the copter that flies MAVLink commands. */
                 autopilot?: components["schemas"]["Autopilot"];
                 /** @description The aircraft that flies a DJI mission. */
                 drone?: components["schemas"]["Drone"];
@@ -6269,12 +6271,13 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The file. `Left-Out` names the views that are not in it, separated by commas; `Left-Out-Reasons` is a JSON array of why the first of them are not, in the same order. `Mission-Parts` says into how many files the mission is cut. */
+            /** @description The file. `Left-Out` names the views that are not in it, separated by commas; `Left-Out-Reasons` is a JSON array of why the first of them are not, in the same order. `Mission-Parts` says into how many files the mission is cut; `Mission-Views` how many views this one photographs; `Mission-Length-M` and `Mission-Duration-S`, which poses lack, how far and long it flies. */
             200: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
+                    "application/vnd.google-earth.kml+xml": string;
                     "application/vnd.google-earth.kmz": string;
                     "text/csv": string;
                     "text/plain": string;
@@ -6331,8 +6334,10 @@ export interface operations {
                 geofence?: string;
                 /** @description Leave out the views that cannot be flown: `Left-Out` names them, and `Left-Out-Reasons` says why. Otherwise they are an error. */
                 leave_out?: boolean;
-                /** @description The distance that the vehicle can fly on one battery. The views, in their order, are cut into as few parts as possible; each begins and ends at home and is no longer than this, with takeoff and landing. `Mission-Parts` says how many there are. Needs home and its altitude. */
-                battery_distance_m?: number;
+                /** @description How long the vehicle flies on one battery. The views, in their order, are cut into as few parts as possible; each begins and ends at home and takes no longer than this without the reserve, with takeoff, photographs and landing. `Mission-Parts` says how many there are. Needs home and its altitude. */
+                battery_s?: number;
+                /** @description The share of the battery with which it lands; with `battery_s`. */
+                battery_reserve?: number;
                 /** @description The part to write, counted from 1. */
                 part?: number;
                 /** @description The speed between views. */
@@ -6349,7 +6354,7 @@ export interface operations {
                 takeoff?: boolean;
                 /** @description What to do after the last view. */
                 finish?: components["schemas"]["Finish"];
-                /** @description The firmware that flies MAVLink commands. */
+                /** @description The firmware of the copter that flies MAVLink commands. */
                 autopilot?: components["schemas"]["Autopilot"];
                 /** @description The aircraft that flies a DJI mission. */
                 drone?: components["schemas"]["Drone"];
@@ -6365,12 +6370,13 @@ export interface operations {
         };
         requestBody?: never;
         responses: {
-            /** @description The file. `Left-Out` names the views that are not in it, separated by commas; `Left-Out-Reasons` is a JSON array of why the first of them are not, in the same order. `Mission-Parts` says into how many files the mission is cut. */
+            /** @description The file. `Left-Out` names the views that are not in it, separated by commas; `Left-Out-Reasons` is a JSON array of why the first of them are not, in the same order. `Mission-Parts` says into how many files the mission is cut; `Mission-Views` how many views this one photographs; `Mission-Length-M` and `Mission-Duration-S`, which poses lack, how far and long it flies. */
             200: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
+                    "application/vnd.google-earth.kml+xml": string;
                     "application/vnd.google-earth.kmz": string;
                     "text/csv": string;
                     "text/plain": string;
@@ -6427,8 +6433,10 @@ export interface operations {
                 geofence?: string;
                 /** @description Leave out the views that cannot be flown: `Left-Out` names them, and `Left-Out-Reasons` says why. Otherwise they are an error. */
                 leave_out?: boolean;
-                /** @description The distance that the vehicle can fly on one battery. The views, in their order, are cut into as few parts as possible; each begins and ends at home and is no longer than this, with takeoff and landing. `Mission-Parts` says how many there are. Needs home and its altitude. */
-                battery_distance_m?: number;
+                /** @description How long the vehicle flies on one battery. The views, in their order, are cut into as few parts as possible; each begins and ends at home and takes no longer than this without the reserve, with takeoff, photographs and landing. `Mission-Parts` says how many there are. Needs home and its altitude. */
+                battery_s?: number;
+                /** @description The share of the battery with which it lands; with `battery_s`. */
+                battery_reserve?: number;
                 /** @description The part to write, counted from 1. */
                 part?: number;
                 /** @description The speed between views. */
@@ -6445,7 +6453,7 @@ export interface operations {
                 takeoff?: boolean;
                 /** @description What to do after the last view. */
                 finish?: components["schemas"]["Finish"];
-                /** @description The firmware that flies MAVLink commands. */
+                /** @description The firmware of the copter that flies MAVLink commands. */
                 autopilot?: components["schemas"]["Autopilot"];
                 /** @description The aircraft that flies a DJI mission. */
                 drone?: components["schemas"]["Drone"];
@@ -6463,12 +6471,13 @@ export interface operations {
             };
         };
         responses: {
-            /** @description The file. `Left-Out` names the views that are not in it, separated by commas; `Left-Out-Reasons` is a JSON array of why the first of them are not, in the same order. `Mission-Parts` says into how many files the mission is cut. */
+            /** @description The file. `Left-Out` names the views that are not in it, separated by commas; `Left-Out-Reasons` is a JSON array of why the first of them are not, in the same order. `Mission-Parts` says into how many files the mission is cut; `Mission-Views` how many views this one photographs; `Mission-Length-M` and `Mission-Duration-S`, which poses lack, how far and long it flies. */
             200: {
                 headers: {
                     [name: string]: unknown;
                 };
                 content: {
+                    "application/vnd.google-earth.kml+xml": string;
                     "application/vnd.google-earth.kmz": string;
                     "text/csv": string;
                     "text/plain": string;

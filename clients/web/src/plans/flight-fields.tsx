@@ -28,6 +28,13 @@ export function FlightFields({ form, onChange, drawings }: FlightFieldsProps) {
             placeholder={texts.batteryNone}
           />
           <NumberField
+            label={texts.reserve}
+            value={form.reserve}
+            onValue={(reserve) => onChange({ reserve })}
+            min={0}
+            max={90}
+          />
+          <NumberField
             label={texts.speed}
             value={form.speed}
             onValue={(speed) => onChange({ speed })}

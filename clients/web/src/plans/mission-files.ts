@@ -1,13 +1,5 @@
 import { type Schemas, send } from "../api/service";
-import { Enu, type Geodetic } from "../geometry/earth";
-import { length, minus } from "../geometry/vectors";
-import {
-  isFlown,
-  type MissionCall,
-  type MissionForm,
-  type MissionMaterial,
-  missionCall,
-} from "./mission-form";
+import { type MissionCall, type MissionForm, type MissionMaterial, missionCall } from "./mission-form";
 
 /** A view that a mission leaves out, and why; the service gives the first reasons only. */
 export interface LeftOut {
@@ -15,22 +7,19 @@ export interface LeftOut {
   reason: string;
 }
 
-/** A file of a mission: the whole one, or a part that one battery flies. */
-export interface MissionFile {
+/** A file of a mission, the whole one or a part that one battery flies; poses have no route. */
+export interface MissionPart {
   name: string;
   content: Blob;
   parts: number;
-  leftOut: readonly LeftOut[];
-}
-
-/** A file with what is flown with it; null where the format has no route. */
-export interface MissionPart extends MissionFile {
   route: Route | null;
+  leftOut: readonly LeftOut[];
 }
 
 export interface Route {
   views: number;
   length_m: number;
+  duration_s: number;
 }
 
 /** All files of a mission, in order: those of each vehicle of a plan. Throws `ServiceError` and `FormError`. */
@@ -57,7 +46,7 @@ export function flying(plan: Schemas["Plan"] | null): string[] {
 }
 
 /** The views that files leave out, each once. */
-export function allLeftOut(files: readonly MissionFile[]): LeftOut[] {
+export function allLeftOut(files: readonly MissionPart[]): LeftOut[] {
   const byId = new Map(files.flatMap(({ leftOut }) => leftOut).map((one) => [one.id, one]));
   return [...byId.values()];
 }
@@ -69,14 +58,12 @@ async function partsOfOne(
 ): Promise<MissionPart[]> {
   const parts: MissionPart[] = [];
   for (let part = 1; part <= (parts[0]?.parts ?? 1); part++) {
-    const file = await missionFile(missionCall(form, material, part), signal);
-    const route = isFlown(form.format) ? await missionRoute(form, material, part, signal) : null;
-    parts.push({ ...file, route });
+    parts.push(await missionPart(missionCall(form, material, part), signal));
   }
   return parts;
 }
 
-async function missionFile(call: MissionCall, signal: AbortSignal): Promise<MissionFile> {
+async function missionPart(call: MissionCall, signal: AbortSignal): Promise<MissionPart> {
   const response = await send(call.path, {
     signal,
     ...(call.body && {
@@ -90,6 +77,7 @@ async function missionFile(call: MissionCall, signal: AbortSignal): Promise<Miss
     name: fileName(headers.get("Content-Disposition")),
     content: await response.blob(),
     parts: Number(headers.get("Mission-Parts") ?? 1),
+    route: routeOf(headers),
     leftOut: leftOutOf(headers),
   };
 }
@@ -99,62 +87,17 @@ export function fileName(disposition: string | null): string {
   return /filename="([^"]+)"/.exec(disposition ?? "")?.[1] ?? "mission";
 }
 
+/** What headers say of the flight; null for poses. */
+export function routeOf(headers: Headers): Route | null {
+  const duration = headers.get("Mission-Duration-S");
+  if (duration === null) return null;
+  const [views, length_m] = [headers.get("Mission-Views"), headers.get("Mission-Length-M")].map(Number);
+  return { views: views ?? 0, length_m: length_m ?? 0, duration_s: Number(duration) };
+}
+
 /** The views that headers name as left out. */
 export function leftOutOf(headers: Headers): LeftOut[] {
   const ids = headers.get("Left-Out")?.split(",") ?? [];
   const reasons = JSON.parse(headers.get("Left-Out-Reasons") ?? "[]") as string[];
   return ids.map((id, index) => ({ id, reason: reasons[index] ?? "" }));
-}
-
-/** The route of a part, from the same mission as GeoJSON. */
-async function missionRoute(
-  form: MissionForm,
-  material: MissionMaterial,
-  part: number,
-  signal: AbortSignal,
-): Promise<Route> {
-  const datum = form.home && form.altitude ? ("takeoff" as const) : ("" as const);
-  const call = missionCall({ ...form, format: "geojson", aboveGround: false, datum }, material, part);
-  const { content } = await missionFile(call, signal);
-  return routeOf(JSON.parse(await content.text()) as MissionMap, form.finish === "return");
-}
-
-/** A mission as GeoJSON, as far as its route needs it. */
-export interface MissionMap {
-  features: readonly {
-    geometry: { coordinates: readonly unknown[] };
-    properties: { kind: string; altitude_m?: number; altitude_datum?: Schemas["AltitudeDatum"] };
-  }[];
-}
-
-/** The length of a flight over its waypoints, from home and, if it returns, back to it. */
-export function routeOf(map: MissionMap, returns: boolean): Route {
-  const places = map.features
-    .filter(({ properties }) => properties.altitude_m !== undefined)
-    .map(({ geometry, properties }) => placeOf(geometry.coordinates, properties.altitude_m ?? 0));
-  const views = map.features.filter(({ properties }) => properties.kind === "view").length;
-  const home = map.features.find(({ properties }) => properties.kind === "home");
-  const first = places[0];
-  if (!first) return { views, length_m: 0 };
-  const aboveHome = map.features.some(({ properties }) => properties.altitude_datum === "takeoff");
-  const last = places.at(-1) ?? first;
-  const ground = (altitude_m: number) =>
-    home ? [placeOf(home.geometry.coordinates, aboveHome ? 0 : altitude_m)] : [];
-  const way = [...ground(first.altitude_m), ...places, ...(returns ? ground(last.altitude_m) : [])];
-  const enu = new Enu(first);
-  const points = way.map((place) => enu.fromGeodetic(place));
-  const length_m = points
-    .slice(1)
-    .reduce((sum, point, index) => sum + length(minus(point, points[index] ?? point)), 0);
-  return { views, length_m };
-}
-
-function placeOf(coordinates: readonly unknown[], altitude_m: number): Geodetic {
-  const [longitude_deg, latitude_deg] = coordinates as [number, number];
-  return { latitude_deg, longitude_deg, altitude_m };
-}
-
-/** How long a route takes at a speed, with the time for which each view is held. */
-export function flightTime(route: Route, speed_m_s: number, hold_s: number): number {
-  return route.length_m / speed_m_s + route.views * hold_s;
 }

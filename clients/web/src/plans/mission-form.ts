@@ -37,7 +37,9 @@ export interface MissionForm {
   terrain: boolean;
   aboveGround: boolean;
   leaveOut: boolean;
+  /** How long one battery lasts, in minutes, and the percentage of it with which the vehicle lands. */
   battery: string;
+  reserve: string;
   finish: Schemas["Finish"];
 }
 
@@ -66,6 +68,7 @@ export const MISSION: MissionForm = {
   aboveGround: false,
   leaveOut: true,
   battery: "",
+  reserve: "30",
   finish: "return",
 };
 
@@ -116,9 +119,15 @@ export function missionQuery(form: MissionForm, drawings: readonly Drawing[], pa
   add("hold_s", numberOf(form.hold));
   add("gimbal_lowest_deg", numberOf(form.gimbalLowest));
   add("gimbal_highest_deg", numberOf(form.gimbalHighest));
-  add("battery_distance_m", numberOf(form.battery));
+  const battery = numberOf(form.battery);
+  const reserve = numberOf(form.reserve);
+  if (battery !== undefined) {
+    add("battery_s", 60 * battery);
+    add("battery_reserve", reserve === undefined ? undefined : reserve / 100);
+  }
   add("finish", form.finish);
   if (isMavlink(form.format)) add("autopilot", form.autopilot);
+  if (form.format === "mavsdk") add("autopilot", "px4");
   if (form.format === "dji-kmz") add("drone", form.drone);
   if (form.terrain && form.aboveGround) add("above_ground", "true");
   const fence = drawings.find(({ id, use }) => use === "fence" && id === form.fence);

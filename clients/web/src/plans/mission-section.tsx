@@ -1,5 +1,4 @@
 import { metric } from "../candidates/site";
-import { numberOf } from "../candidates/values";
 import { saveAs } from "../components/download";
 import { Failure } from "../components/failure";
 import { CheckField, NumberField, SelectField } from "../components/fields";
@@ -9,7 +8,7 @@ import type { SceneProps, SceneStore } from "../store/scene";
 import { strings } from "../strings";
 import { FlightFields } from "./flight-fields";
 import { HomeFields } from "./home-fields";
-import { allLeftOut, flightTime, flying, type MissionPart } from "./mission-files";
+import { allLeftOut, flying, type MissionPart } from "./mission-files";
 import {
   isFlown,
   isMavlink,
@@ -154,10 +153,6 @@ function Files({ store }: SceneProps) {
   if (!prepared) return null;
   if (prepared.key !== state.key()) return <p class="warning">{texts.changed}</p>;
   const { parts } = prepared;
-  const form = state.usable();
-  const speed = numberOf(form.speed) ?? Number(MISSION.speed);
-  const hold = numberOf(form.hold) ?? Number(MISSION.hold);
-  const time = (part: MissionPart) => (part.route ? flightTime(part.route, speed, hold) : 0);
   const total = (of: (part: MissionPart) => number) => parts.reduce((sum, part) => sum + of(part), 0);
   const length = total((part) => part.route?.length_m ?? 0);
   const leftOut = allLeftOut(parts);
@@ -169,7 +164,11 @@ function Files({ store }: SceneProps) {
             parts.length,
             total((part) => part.route?.views ?? 0),
           )}{" "}
-          {texts.flown(formatLength(length, true), formatDuration(total(time)), parts.length)}
+          {texts.flown(
+            formatLength(length, true),
+            formatDuration(total((part) => part.route?.duration_s ?? 0)),
+            parts.length,
+          )}
         </p>
       )}
       <ol>
@@ -182,7 +181,7 @@ function Files({ store }: SceneProps) {
                   {texts.part(
                     part.route.views,
                     formatLength(part.route.length_m, true),
-                    formatDuration(time(part)),
+                    formatDuration(part.route.duration_s),
                   )}
                 </span>
               )}

@@ -1,6 +1,6 @@
 import { describe, expect, it, vi } from "vitest";
 import type { Schemas } from "../api/service";
-import { allLeftOut, fileName, flightTime, leftOutOf, missionParts, routeOf } from "./mission-files";
+import { allLeftOut, fileName, leftOutOf, missionParts, routeOf } from "./mission-files";
 import { MISSION, type MissionForm, missionCall, missionQuery, objection } from "./mission-form";
 
 const PLAN = {
@@ -26,7 +26,7 @@ function form(change: Partial<MissionForm>): MissionForm {
 
 describe("the request of a mission", () => {
   it("has what was said, and the part", () => {
-    const query = missionQuery(form({ ...HOME, battery: "600", source: "ranking" }), [], 2);
+    const query = missionQuery(form({ ...HOME, battery: "25", source: "ranking" }), [], 2);
     expect(Object.fromEntries(query)).toEqual({
       format: "qgc-plan",
       first: "8",
@@ -36,11 +36,18 @@ describe("the request of a mission", () => {
       home_altitude_m: "1605",
       speed_m_s: "5",
       hold_s: "4",
-      battery_distance_m: "600",
+      battery_s: "1500",
+      battery_reserve: "0.3",
       finish: "return",
       autopilot: "ardupilot",
       part: "2",
     });
+  });
+
+  it("of MAVSDK is for PX4", () => {
+    const query = missionQuery(form({ format: "mavsdk", autopilot: "ardupilot" }), [], 1);
+    expect(query.get("autopilot")).toBe("px4");
+    expect(missionQuery(form({ battery: "" }), [], 1).has("battery_reserve")).toBe(false);
   });
 
   it("of a robot has neither home nor heights", () => {
@@ -121,20 +128,9 @@ describe("a file", () => {
     expect(leftOutOf(new Headers())).toEqual([]);
   });
 
-  it("has a route from home over its views and back", () => {
-    const point = (kind: string, longitude: number, altitude_m?: number) => ({
-      geometry: { coordinates: [longitude, 0] },
-      properties: {
-        kind,
-        ...(altitude_m !== undefined && { altitude_m, altitude_datum: "takeoff" as const }),
-      },
-    });
-    const map = { features: [point("view", 0, 30), point("view", 0.001, 30), point("home", 0)] };
-    const degree = 111.3195;
-    const { views, length_m } = routeOf(map, true);
-    expect(views).toBe(2);
-    expect(length_m).toBeCloseTo(30 + degree + Math.hypot(degree, 30), 1);
-    expect(routeOf(map, false).length_m).toBeCloseTo(30 + degree, 1);
-    expect(flightTime({ views: 2, length_m: 100 }, 5, 4)).toBe(28);
+  it("has a route with its views, its length and its time, if it is flown", () => {
+    const headers = { "Mission-Views": "2", "Mission-Length-M": "252.7", "Mission-Duration-S": "131.5" };
+    expect(routeOf(new Headers(headers))).toEqual({ views: 2, length_m: 252.7, duration_s: 131.5 });
+    expect(routeOf(new Headers({ "Mission-Views": "2" }))).toBeNull();
   });
 });

@@ -20,9 +20,7 @@ _DECIMALS = 9
 def write(mission: Mission) -> bytes:
     """The mission as a feature collection."""
     features = [_point(mission, number, point) for number, point in enumerate(mission.waypoints, start=1)]
-    flight = {"length_m": round(mission.length_m, 1), "duration_s": round(mission.duration_s, 1)}
-    route = _route([point.place for point in mission.waypoints])
-    features.append(_feature(route, {"kind": "route", **flight}))
+    features.append(_feature(_route([point.place for point in mission.waypoints]), {"kind": "route"}))
     if mission.home is not None:
         position = _position((mission.home.latitude_deg, mission.home.longitude_deg))
         features.append(_feature({"type": "Point", "coordinates": position}, {"kind": "home"}))
