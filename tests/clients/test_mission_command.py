@@ -64,7 +64,7 @@ def test_rankings_and_plans_become_missions(run: Run, gateway: Any, tmp_path: Pa
     alone = json.loads(run(*one, "--battery", 1000).stdout)["files"]
     assert alone == [str(tmp_path / "cut" / f"{ranking}-1-of-1.csv")]
     halved = json.loads(
-        run(*one[:-6], *one[-4:], "--format", "csv", "--battery", 200, "--reserve", 0.1).stdout
+        run(*one[:-6], *one[-4:], "--format", "csv", "--battery", 220, "--reserve", 0.5).stdout
     )["files"]
     assert [Path(file).name for file in halved] == [f"{ranking}-{part}-of-2.csv" for part in (1, 2)]
     assert all(Path(file).is_file() for file in halved)

@@ -264,7 +264,7 @@ def test_tours_of_vehicles_are_cut_to_a_battery(gateway: Any, scene: str, rankin
     candidates = [{"id": item["id"], "pose": item["pose"]} for item in ranking["candidates"]]
     request = {"candidates": candidates, "vehicles": [candidates[0]["pose"], candidates[2]["pose"]]}
     plan = gateway.client.post(f"/v1/scenes/{scene}/plans", json=request).json()
-    options = {"format": "csv", **HOME, "battery_s": 200}
+    options = {"format": "csv", **HOME, "battery_s": 220, "battery_reserve": 0.5}
     for number, tour in enumerate(plan["tours"], start=1):
         flown, part, parts = [], 1, 1
         while part <= parts:
