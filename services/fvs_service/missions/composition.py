@@ -14,7 +14,8 @@ from fvs_service.missions.altitudes import Altitudes
 from fvs_service.missions.flight import Home, Mission, Waypoint
 from fvs_service.missions.ground import Ground
 from fvs_service.missions.objections import Objections
-from fvs_service.missions.parts import LANDING_S, at_view_s, fewest_parts, flying_s, length_m
+from fvs_service.missions.parts import fewest_parts
+from fvs_service.missions.times import LANDING_S, at_view_s, flying_s, length_m
 
 _SAME_M = 0.6
 """Shorter vertical ways are ignored: Litchi flies none."""

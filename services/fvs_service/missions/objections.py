@@ -12,7 +12,7 @@ from fvs_service.missions import gimbal
 from fvs_service.missions.altitudes import Altitudes
 from fvs_service.missions.flight import Waypoint
 from fvs_service.missions.ground import Ground, described
-from fvs_service.missions.parts import length_m
+from fvs_service.missions.times import length_m
 
 _ROUNDING_DEG = 1e-6
 _ROUNDING_M = 1e-3

@@ -12,7 +12,7 @@ from fvs_schema.error_codes import FieldError
 from fvs_schema.scenes import AltitudeDatum
 from fvs_service.errors import InvalidRequestError
 from fvs_service.missions.flight import Mission, Waypoint
-from fvs_service.missions.parts import length_m
+from fvs_service.missions.times import length_m
 
 DATUMS = frozenset({AltitudeDatum.TAKEOFF})
 _ACTIONS = 15

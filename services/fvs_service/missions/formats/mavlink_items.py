@@ -12,7 +12,7 @@ from fvs_schema.missions import Autopilot, Finish
 from fvs_schema.scenes import AltitudeDatum
 from fvs_service.errors import InvalidRequestError
 from fvs_service.missions.flight import Mission, Waypoint
-from fvs_service.missions.parts import AFTER_PHOTOGRAPH_S, TURN_S
+from fvs_service.missions.times import AFTER_PHOTOGRAPH_S, TURN_S
 
 DATUMS = frozenset({AltitudeDatum.TAKEOFF, AltitudeDatum.SEA_LEVEL})
 _MOST_ITEMS = 65_535
