@@ -224,7 +224,7 @@ def missions(surface: Surface) -> Iterator[Any]:
     surface.gateway.model(scene.id, alignment=Alignment(status="aligned", scale=10.0))
     ranking = do(scene.rank, generator=Orbit(count=4))
     for name in do(client.capabilities).mission_formats:
-        yield do(ranking.mission, name, **home, takeoff=False)
+        yield do(ranking.mission, name, **home, takeoff=False, autopilot="px4")
     yield do(ranking.mission, MissionFormat.QGC_WPL, autopilot="px4", finish=Finish.HOLD, first=1)
     yield do(ranking.mission, "csv", **home, highest_height_m=20.0, leave_out=True)
     yield surface.attempt(ranking.mission, "csv", **home, highest_height_m=1.0)
