@@ -38,6 +38,9 @@ ExportFrame = Literal["world", "model"]
 Firmware = Literal["ardupilot", "px4"]
 """Autopilots whose MAVLink ``fvs simulate-vehicle`` speaks: ``lab.simulate.mavlink.firmware``."""
 
+CameraReports = Literal["both", "feedback", "captured", "none"]
+"""What tells of a vehicle's photographs: ``CAMERA_FEEDBACK``, ``CAMERA_IMAGE_CAPTURED``, both or none."""
+
 LookAlike = Literal["four", "two", "windows"]
 """Walls of a simulated courtyard that look alike, see ``fvs_engine.lab.simulate.facades``."""
 

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Annotated
 
 import typer
 
-from fvs_engine.choices import Firmware
+from fvs_engine.choices import CameraReports, Firmware
 from fvs_engine.cli.options import MAX_SEED
 
 if TYPE_CHECKING:
@@ -26,8 +26,14 @@ def simulate_vehicle(
         Path, typer.Argument(metavar="DIR", help="Folder that the camera writes its photographs to.")
     ],
     listen: Annotated[
-        str, typer.Option(metavar="HOST:PORT", help="Where ground stations connect, with MAVLink over TCP.")
-    ] = "127.0.0.1:5760",
+        list[str] | None,
+        typer.Option(
+            metavar="LINK",
+            help="Where ground stations connect: HOST:PORT, with TCP, or udpin:HOST:PORT; udpout:HOST:PORT "
+            "sends to one. May be repeated.",
+            show_default="127.0.0.1:5760",
+        ),
+    ] = None,
     firmware: Annotated[
         Firmware,
         typer.Option("--autopilot", help="The autopilot whose modes, commands and parameters it has."),
@@ -100,6 +106,19 @@ def simulate_vehicle(
     gps_bias: Annotated[
         float, typer.Option(min=0.0, max=100.0, metavar="M", help="Bias of the GPS receiver, which drifts.")
     ] = 0.5,
+    fix_after: Annotated[
+        float,
+        typer.Option(
+            min=0.0, max=1_000.0, metavar="S", help="How long the GPS receiver has no fix after the start."
+        ),
+    ] = 0.0,
+    camera_reports: Annotated[
+        CameraReports,
+        typer.Option(
+            help="What tells of photographs: ArduPilot's `feedback`, alone for a camera on a wire, or a "
+            "camera that speaks MAVLink (`captured`)."
+        ),
+    ] = "both",
     wind: Annotated[
         str,
         typer.Option(
@@ -134,7 +153,7 @@ def simulate_vehicle(
     position of the GPS receiver in EXIF and in a JSON file beside them. Needs the extra `simulate`.
     """
     try:
-        from fvs_engine.lab.simulate.mavlink.autopilot import Autopilot
+        from fvs_engine.lab.simulate.mavlink.autopilot import Autopilot, Setup
     except ModuleNotFoundError as error:
         typer.echo("Error: MAVLink needs pymavlink: pip install 'fvs[simulate]'.", err=True)
         raise typer.Exit(2) from error
@@ -179,21 +198,23 @@ def simulate_vehicle(
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())
+    links = [each if each.count(":") > 1 else f"tcpin:{each}" for each in listen or ["127.0.0.1:5760"]]
     try:
         autopilot = Autopilot(
-            f"tcpin:{listen}",
+            links,
             vehicle,
             camera,
             home,
             firmware=firmware,
+            setup=Setup(camera_reports, fix_after),
             speed_up=speed_up,
             say=typer.echo,
         )
     except (OSError, ValueError) as error:
-        typer.echo(f"Error: {listen} cannot be listened on: {error}.", err=True)
+        typer.echo(f"Error: {' and '.join(links)} cannot be opened: {error}.", err=True)
         raise typer.Exit(2) from error
     autopilot.faults.failing_photographs.update(fail or ())
-    typer.echo(f"Listening on {autopilot.url}")
+    typer.echo(f"Listening on {' and '.join(autopilot.urls)}")
     autopilot.run(stopped.is_set)
     autopilot.close()
 

@@ -4,6 +4,7 @@ Positions are ENU in m, yaw is clockwise from north and pitch up, both in degree
 estimated position: it is where the errors of its receiver take it.
 """
 
+import math
 from dataclasses import dataclass, field
 
 import numpy as np
@@ -62,12 +63,13 @@ class GpsErrors:
 
 @dataclass
 class Goal:
-    """The goal of a vehicle: the position by its own estimate, its yaw and its gimbal's pitch."""
+    """The goal of a vehicle: the position by its own estimate, and its yaw."""
 
     position: Array
     yaw_deg: float
-    pitch_deg: float
     speed_m_s: float
+    climb_m_s: float = math.inf
+    """Largest vertical speed, up and down."""
 
 
 @dataclass
@@ -125,7 +127,8 @@ class Vehicle:
         limits = self.limits
         wanted = (goal.position - self.believed) / _RESPONSE_S
         wanted[:2] *= min(1.0, min(goal.speed_m_s, limits.speed_m_s) / max(np.hypot(*wanted[:2]), 1e-9))
-        wanted[2] = np.clip(wanted[2], -limits.climb_m_s, limits.climb_m_s)
+        climb_m_s = min(goal.climb_m_s, limits.climb_m_s)
+        wanted[2] = np.clip(wanted[2], -climb_m_s, climb_m_s)
         change = wanted - self.velocity
         most = limits.acceleration_m_s2 * seconds
         self.velocity += change * min(1.0, most / max(float(np.linalg.norm(change)), 1e-9))
@@ -134,11 +137,15 @@ class Vehicle:
         self._measure()
         turn = (goal.yaw_deg - self.yaw_deg + 180.0) % 360.0 - 180.0
         self.yaw_deg = (self.yaw_deg + _towards(turn, limits.yaw_rate_deg_s * seconds)) % 360.0
-        pitch = float(np.clip(goal.pitch_deg, limits.gimbal_lowest_deg, limits.gimbal_highest_deg))
-        self.pitch_deg += _towards(pitch - self.pitch_deg, limits.gimbal_rate_deg_s * seconds)
         through_air = self.velocity[:2] - np.array(self.wind.mean_m_s) - self._gust[:2]
         load = 1.0 + 0.5 * min(1.0, float(np.hypot(*through_air)) / limits.speed_m_s) ** 2
         self.battery = max(0.0, self.battery - load * seconds / self.endurance_s)
+
+    def point(self, seconds: float, pitch_deg: float) -> None:
+        """Turn the gimbal towards a pitch for ``seconds``."""
+        limits = self.limits
+        pitch = float(np.clip(pitch_deg, limits.gimbal_lowest_deg, limits.gimbal_highest_deg))
+        self.pitch_deg += _towards(pitch - self.pitch_deg, limits.gimbal_rate_deg_s * seconds)
 
     def _measure(self) -> None:
         """Add to the way what is a step away from where it was added last."""

@@ -103,7 +103,7 @@ def test_answers_to_others_are_not_ours(simulated: Any, relay: Any) -> None:
     with simulated() as simulator:
         link = relay(simulator.url)
         link.edit = lambda message: (
-            [*strange, message] if message.get_type() in ("MISSION_REQUEST_INT", "COMMAND_ACK") else [message]
+            [*strange, message] if message.get_type() in ("MISSION_REQUEST", "COMMAND_ACK") else [message]
         )
         with Vehicle(link.url) as vehicle:
             vehicle.set_mode(Mode.HOLD)
@@ -116,7 +116,7 @@ def test_requests_come_twice_and_in_any_order(simulated: Any, relay: Any) -> Non
     before: list[Any] = []
 
     def twice_and_late(message: Any) -> list[Any]:
-        if message.get_type() != "MISSION_REQUEST_INT":
+        if message.get_type() != "MISSION_REQUEST":
             return [message]
         before.append(message)
         return [message, *before[-3:-1], message]
@@ -136,7 +136,7 @@ def test_messages_that_are_lost_are_sent_again(
     simulated: Any, relay: Any, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     monkeypatch.setattr("fvs_client.fly.link._ANSWER_S", 0.3)
-    lost = {"MISSION_REQUEST_INT": 0, "MISSION_ACK": 0, "COMMAND_ACK": 0}
+    lost = {"MISSION_REQUEST": 0, "MISSION_ACK": 0, "COMMAND_ACK": 0}
 
     def every_other(message: Any) -> list[Any]:
         kind = message.get_type()

@@ -102,8 +102,6 @@ def test_without_a_model_the_vehicle_returns_by_itself(
         flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl", patience_s=60.0)
         result = flown.result()
         assert result.ending is Ending.VEHICLE
-        assert "returns by itself" in result.reason
-        assert "waited 60 s for its next view (--patience)" in result.reason
         assert (result.photographs, result.unsent) == (3, 0)
         assert not flown.vehicle.state.armed
 
@@ -340,7 +338,7 @@ def test_a_mission_that_is_lost_on_the_way_to_a_hovering_vehicle_is_sent_again(
         flown.wait_for("photograph", 3)
 
         def cut_at_the_first_request(message: Any) -> list[Any]:
-            if message.get_type() == "MISSION_REQUEST_INT" and not cut:
+            if message.get_type() == "MISSION_REQUEST" and not cut:
                 cut.append(simulator.autopilot.mode)
                 link.cut = True
                 return []

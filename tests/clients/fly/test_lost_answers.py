@@ -60,7 +60,7 @@ def test_a_link_that_stays_lost_between_two_missions_is_said(
         flown.wait_for("photograph", 3)
 
         def cut(message: Any) -> list[Any]:
-            link.cut |= message.get_type() == "MISSION_REQUEST_INT"
+            link.cut |= message.get_type() == "MISSION_REQUEST"
             return [] if link.cut else [message]
 
         link.edit = cut

@@ -72,7 +72,6 @@ def test_a_pilot_keeps_the_vehicle(
         assert simulator.autopilot.mode is mode
     assert result.ending is Ending.PILOT
     assert "has taken over" in result.reason
-    assert "remote control" in result.reason
     assert (result.photographs, result.unsent) == (3, 0)
 
 

@@ -29,11 +29,7 @@ def upload(link: Link, items: Sequence[MissionItem], offset: int) -> None:
     ours for another upload, all is sent once more. Raises ``VehicleError`` and ``NoAnswerError``.
     """
     accepted = link.mavlink.MAV_MISSION_ACCEPTED
-    again = (
-        link.mavlink.MAV_MISSION_ERROR,
-        link.mavlink.MAV_MISSION_INVALID_SEQUENCE,
-        link.mavlink.MAV_MISSION_OPERATION_CANCELLED,
-    )
+    again = (link.mavlink.MAV_MISSION_ERROR, link.mavlink.MAV_MISSION_OPERATION_CANCELLED)
     try:
         result, asked = _upload(link, items)
     except NoAnswerError:
@@ -54,8 +50,13 @@ def _upload(link: Link, items: Sequence[MissionItem]) -> tuple[int, int]:
     sent_s: dict[int, float] = {}
 
     def fits(message: Any) -> bool:
-        """Whether a message is of this upload: an acceptance before all requests is of another."""
+        """Whether a message is of this upload: an acceptance before all requests is of another.
+
+        ArduPilot answers an item that came twice with ``INVALID_SEQUENCE``, and goes on.
+        """
         if message.get_type() == "MISSION_ACK":
+            if message.type == link.mavlink.MAV_MISSION_INVALID_SEQUENCE:
+                return False
             return bool(message.type != link.mavlink.MAV_MISSION_ACCEPTED or len(sent_s) == len(items))
         return time.monotonic() - sent_s.get(message.seq, -math.inf) > _REPEATED_S
 

@@ -4,106 +4,141 @@ What drives it could drive a real vehicle: https://mavlink.io/en/services/missio
 https://ardupilot.org/copter/docs/common-mavlink-mission-command-messages-mav_cmd.html.
 """
 
-import contextlib
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
 from typing import Any
 
+from fvs_engine.choices import CameraReports
 from fvs_engine.choices import Firmware as FirmwareName
 from fvs_engine.geometry.geodetic import GeodeticPosition
-from fvs_engine.lab.simulate.mavlink.camera import Camera
+from fvs_engine.lab.simulate.mavlink.arming import Arming
+from fvs_engine.lab.simulate.mavlink.board import Board
+from fvs_engine.lab.simulate.mavlink.camera import COMPONENT, Camera
 from fvs_engine.lab.simulate.mavlink.commands import Commands
-from fvs_engine.lab.simulate.mavlink.dialect import mavlink, mavutil
+from fvs_engine.lab.simulate.mavlink.dialect import mavlink
+from fvs_engine.lab.simulate.mavlink.failsafes import Failsafes
+from fvs_engine.lab.simulate.mavlink.fence import Fence
 from fvs_engine.lab.simulate.mavlink.firmware import FIRMWARES
-from fvs_engine.lab.simulate.mavlink.flight_state import Faults, FlightState, Mode
+from fvs_engine.lab.simulate.mavlink.flight_state import Faults, FlightState, Mode, Place
 from fvs_engine.lab.simulate.mavlink.gimbal import Gimbal
+from fvs_engine.lab.simulate.mavlink.links import Links, Peer
 from fvs_engine.lab.simulate.mavlink.mission import Item
-from fvs_engine.lab.simulate.mavlink.mission_protocol import MissionProtocol
+from fvs_engine.lab.simulate.mavlink.mission_protocol import (
+    FENCES,
+    MISSION,
+    RALLIES,
+    ItemList,
+    MissionProtocol,
+)
+from fvs_engine.lab.simulate.mavlink.navigator import Navigator
 from fvs_engine.lab.simulate.mavlink.parameters import Parameters
 from fvs_engine.lab.simulate.mavlink.pilot import Pilot
+from fvs_engine.lab.simulate.mavlink.receiver import Receiver
+from fvs_engine.lab.simulate.mavlink.reports import Reports
 from fvs_engine.lab.simulate.mavlink.telemetry import Telemetry
 from fvs_engine.lab.simulate.vehicle import Vehicle
 from fvs_engine.lab.simulate.vehicle_camera import VehicleCamera
 
 _TICK_S = 0.02
+_STEP_S = 0.05
 _SYSTEM = 1
 
 
-class Autopilot:
-    """Flies ``vehicle`` by commands of ground stations on the ``link``, in the way of a ``firmware``.
+@dataclass(frozen=True)
+class Setup:
+    """How a vehicle is set up: what tells of photographs, and how long the first GPS fix takes in s."""
 
-    ``link`` is pymavlink's name of our end, such as ``tcpin:127.0.0.1:5760``. ``origin`` is home, and the
+    camera_reports: CameraReports = "both"
+    fix_after_s: float = 0.0
+
+
+class Autopilot:
+    """Flies ``vehicle`` by commands of ground stations on the ``links``, in the way of a ``firmware``.
+
+    ``links`` are pymavlink's names of our ends, such as ``tcpin:127.0.0.1:5760``. ``origin`` is home, and the
     origin of the vehicle's ENU positions. Simulated time is ``speed_up`` times as fast as real time.
     ``faults`` says what goes wrong, and what the vehicle lacks.
     """
 
     def __init__(
         self,
-        link: str,
+        links: str | Sequence[str],
         vehicle: Vehicle,
         camera: VehicleCamera,
         origin: GeodeticPosition,
         *,
         firmware: FirmwareName = "ardupilot",
         faults: Faults | None = None,
+        setup: Setup | None = None,
         speed_up: float = 1.0,
         say: Callable[[str], None] = lambda _line: None,
     ) -> None:
-        self.vehicle, self.camera, self.origin, self.faults = vehicle, camera, origin, faults or Faults()
-        self._speed_up, self._say = speed_up, say
-        self._link: Any = mavutil.mavlink_connection(link, source_system=_SYSTEM, source_component=1)
-        self._state, kind = FlightState(), FIRMWARES[firmware]
+        self.vehicle, self.camera, self.faults = vehicle, camera, faults or Faults()
+        setup = setup or Setup()
+        self._speed_up = speed_up
+        self._links = Links([links] if isinstance(links, str) else links)
+        self._voices = {each: mavlink.MAVLink(None, _SYSTEM, each) for each in (1, COMPONENT)}
+        self._heard_from: Peer | None = None
+        kind = FIRMWARES[firmware]
+        self._state = FlightState(kind.first_mode)
+        place = Place(vehicle, origin, self._state)
         parameters = Parameters(kind, self._emit)
-        gimbal = Gimbal(vehicle, self._state, self._emit)
-        shutter = Camera(
-            vehicle, camera, self._state, self.faults, lambda: self._telemetry.place(), self._emit, say
-        )
-        others = {} if self.faults.no_camera else dict(shutter.messages)
-        others |= {} if self.faults.no_gimbal else gimbal.messages
-        self._telemetry = Telemetry(vehicle, origin, self._state, kind, self._emit, speed_up, others)
-        self._mission = MissionProtocol(
-            self._state,
-            self._emit,
-            self._mission_replaced,
-            lambda: self.faults.refuses_missions,
-            kind.unknown,
-        )
+        board = Board(vehicle, place, kind, self._state, self.faults, parameters, self._emit, say)
+        gimbal, shutter = Gimbal(board), Camera(board, camera, setup.camera_reports)
+        self._receiver = Receiver(board, setup.fix_after_s)
+        fence = Fence(board, lambda: lists[FENCES].items)
+        arming = Arming(board, fence)
         self._pilot = Pilot(
-            vehicle,
-            shutter,
-            origin,
-            kind,
-            self._state,
-            self.faults,
-            parameters,
-            lambda: self._mission.items,
-            lambda number: self._emit("mission_item_reached_send", number),
-            self._text,
+            board, gimbal, Navigator(board, shutter, gimbal), arming, lambda: lists[MISSION].items
         )
-        commands = Commands(self._pilot, shutter, self._telemetry, kind, self.faults, self._emit)
+        mission = self._pilot.mission
+        lists = {
+            MISSION: ItemList(
+                board,
+                MISSION,
+                self._pilot.mission_changed,
+                lambda: mission.current,
+                lambda: mission.running and self._state.armed,
+            ),
+            FENCES: ItemList(board, FENCES, fence.count),
+            RALLIES: ItemList(board, RALLIES, lambda: None),
+        }
+        self._mission, self._protocol = lists[MISSION], MissionProtocol(board, lists)
+        self._failsafes = Failsafes(board, self._pilot, fence)
+        reports = Reports(board, self._receiver, mission, lambda: len(self._mission.items))
+        others = {**shutter.autopilots_messages, **gimbal.messages}
+        beat = shutter.messages[mavlink.MAVLINK_MSG_ID_HEARTBEAT] if shutter.speaks else None
+        self._telemetry = Telemetry(board, reports, speed_up, others, beat)
+        commands = Commands(board, self._pilot, arming, shutter, gimbal, self._telemetry)
         self._handlers: dict[str, Callable[[Any], None]] = {
-            "MISSION_COUNT": self._mission.on_count,
-            "MISSION_ITEM_INT": self._mission.on_item_int,
-            "MISSION_REQUEST_LIST": self._mission.on_request_list,
-            "MISSION_REQUEST_INT": self._mission.on_request_int,
-            "MISSION_CLEAR_ALL": self._mission.on_clear_all,
-            "MISSION_SET_CURRENT": lambda message: self._pilot.go_to_item(message.seq),
+            **self._protocol.handlers(),
             "COMMAND_LONG": commands.on_command,
             "COMMAND_INT": commands.on_command,
+            "HEARTBEAT": lambda message: self._failsafes.heard(message.get_srcSystem()),
+            "MISSION_SET_CURRENT": commands.on_set_current,
             "PARAM_REQUEST_LIST": parameters.on_request_list,
             "PARAM_REQUEST_READ": parameters.on_request_read,
             "PARAM_SET": parameters.on_set,
+            "REQUEST_DATA_STREAM": self._telemetry.on_stream,
+            "SET_MODE": commands.on_set_mode,
+            "SET_POSITION_TARGET_GLOBAL_INT": commands.on_target,
+            "TIMESYNC": reports.time_answer,
         }
 
     def close(self) -> None:
-        """End the connection."""
-        self._link.close()
+        """End the connections."""
+        self._links.close()
 
     @property
     def url(self) -> str:
-        """Where ground stations connect to a ``tcpin`` link: pymavlink's name of the other end."""
-        host, port = self._link.listen.getsockname()
-        return f"tcp:{host}:{port}"
+        """Where ground stations connect, in pymavlink's name of their ends."""
+        return self._links.urls[0]
+
+    @property
+    def urls(self) -> list[str]:
+        """The ends of all links."""
+        return self._links.urls
 
     @property
     def mode(self) -> Mode:
@@ -121,31 +156,46 @@ class Autopilot:
         while not stop():
             self._receive()
             now = time.monotonic()
-            self._pilot.advance((now - last) * self._speed_up)
+            self._advance((now - last) * self._speed_up)
             last = now
+            self._protocol.update()
             self._telemetry.send(now)
-            time.sleep(_TICK_S)
+
+    def _advance(self, seconds: float) -> None:
+        while seconds > 1e-9:
+            step = min(_STEP_S, seconds)
+            self._receiver.update()
+            self._failsafes.check()
+            self._pilot.step(step)
+            seconds -= step
 
     def _receive(self) -> None:
-        while not self.faults.silent:
-            message = None
-            with contextlib.suppress(OSError):
-                message = self._link.recv_match(blocking=False)
-            if message is None:
-                return
+        """Handle what has come, or wait a moment."""
+        for peer, message in self._links.receive(_TICK_S):
+            if self.faults.silent:
+                continue
+            target = getattr(message, "target_system", 0)
+            if target != _SYSTEM:
+                self._links.send(bytes(message.get_msgbuf()), but=peer)
             handle = self._handlers.get(message.get_type())
-            if handle is not None and getattr(message, "target_system", 0) in (0, _SYSTEM):
+            if handle is not None and target in (0, _SYSTEM) and _is_for_us(message):
+                self._heard_from = peer
                 handle(message)
+                self._heard_from = None
 
-    def _mission_replaced(self) -> None:
-        self._pilot.mission_replaced()
-        self._say(f"mission of {len(self._mission.items)} items")
+    def _emit(self, name: str, *fields: Any, component: int = 1, **more: Any) -> None:
+        """Send a message: an answer to whom it is for, others to all."""
+        if self.faults.silent:
+            return
+        voice = self._voices[component]
+        message = getattr(voice, f"{name}_encode")(*fields, **more)
+        data = message.pack(voice)
+        voice.seq = (voice.seq + 1) % 256
+        addressed = getattr(message, "target_system", 0) not in (0, _SYSTEM)
+        self._links.send(data, only=self._heard_from if addressed else None)
 
-    def _text(self, text: str) -> None:
-        self._say(text)
-        self._emit("statustext_send", mavlink.MAV_SEVERITY_INFO, text.encode()[:50])
 
-    def _emit(self, name: str, *fields: Any, **more: Any) -> None:
-        if not self.faults.silent:
-            with contextlib.suppress(OSError):
-                getattr(self._link.mav, name)(*fields, **more)
+def _is_for_us(message: Any) -> bool:
+    """Whether the autopilot is addressed, or its camera by a command."""
+    components = (0, 1, COMPONENT) if message.get_type().startswith("COMMAND") else (0, 1)
+    return getattr(message, "target_component", 0) in components

@@ -4,7 +4,6 @@ import os
 
 os.environ["MAVLINK20"] = "1"  # before the first import of pymavlink
 
-from pymavlink import mavutil
-from pymavlink.dialects.v20 import common as mavlink
+from pymavlink.dialects.v20 import ardupilotmega as mavlink  # `common`, and ArduPilot's own
 
-__all__ = ["mavlink", "mavutil"]
+__all__ = ["mavlink"]

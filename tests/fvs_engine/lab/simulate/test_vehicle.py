@@ -18,10 +18,8 @@ def flown(vehicle: Vehicle, goal: Goal, seconds: float, step_s: float = 0.05) ->
     return np.array(found)
 
 
-def goal(
-    x: float, y: float, z: float, yaw_deg: float = 0.0, pitch_deg: float = 0.0, speed: float = 5.0
-) -> Goal:
-    return Goal(np.array([x, y, z]), yaw_deg, pitch_deg, speed)
+def goal(x: float, y: float, z: float, yaw_deg: float = 0.0) -> Goal:
+    return Goal(np.array([x, y, z]), yaw_deg, speed_m_s=5.0)
 
 
 def test_it_arrives_within_its_limits() -> None:
@@ -34,13 +32,23 @@ def test_it_arrives_within_its_limits() -> None:
     assert np.linalg.norm(np.diff(velocity, axis=0), axis=1).max() <= 3.0 * 0.05 + 1e-6
 
 
+def test_it_descends_as_slowly_as_its_goal_says() -> None:
+    vehicle = Vehicle(gps=EXACT, position=np.array([0.0, 0.0, 10.0]))
+    slow = Goal(np.zeros(3), 0.0, speed_m_s=5.0, climb_m_s=0.5)
+    path = flown(vehicle, slow, 10.0)
+    assert np.diff(path[:, 2]).min() == pytest.approx(-0.5 * 0.05, rel=0.01)
+    assert vehicle.position[2] == pytest.approx(5.0, abs=0.2)
+
+
 def test_it_turns_the_short_way_and_the_gimbal_stops_at_its_end() -> None:
     vehicle = Vehicle(gps=EXACT, yaw_deg=350.0, limits=Limits(yaw_rate_deg_s=10.0, gimbal_rate_deg_s=20.0))
-    flown(vehicle, goal(0, 0, 5, yaw_deg=20.0, pitch_deg=-120.0), 1.0)
+    flown(vehicle, goal(0, 0, 5, yaw_deg=20.0), 1.0)
     assert vehicle.yaw_deg == pytest.approx(0.0, abs=1e-6) or vehicle.yaw_deg == pytest.approx(360.0)
+    vehicle.point(1.0, -120.0)
     assert vehicle.pitch_deg == pytest.approx(-20.0)
-    flown(vehicle, goal(0, 0, 5, yaw_deg=20.0, pitch_deg=-120.0), 9.0)
+    flown(vehicle, goal(0, 0, 5, yaw_deg=20.0), 9.0)
     assert vehicle.yaw_deg == pytest.approx(20.0)
+    vehicle.point(9.0, -120.0)
     assert vehicle.pitch_deg == -90.0
 
 

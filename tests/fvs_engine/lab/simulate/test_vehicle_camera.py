@@ -78,7 +78,7 @@ def test_the_truth_is_told_apart(tmp_path: Path) -> None:
     camera = VehicleCamera(tmp_path, Stripes(0.5), HOME, SENSOR, truth=truth)
     for north_m in (10.0, 20.0):
         for _ in range(2_000):
-            vehicle.step(0.05, Goal(np.array([0.0, north_m, 5.0]), 30.0, 0.0, 5.0))
+            vehicle.step(0.05, Goal(np.array([0.0, north_m, 5.0]), 30.0, 5.0))
         camera.take(vehicle, 0.0)
     first, second = (json.loads(line) for line in truth.read_text().splitlines())
     assert (first["file"], second["file"]) == ("00000.jpg", "00001.jpg")
