@@ -9,6 +9,7 @@ from contextlib import contextmanager
 from typing import Any
 
 import pytest
+from flights import begin
 from fvs_client.fly.dialects import ARDUPILOT, Mode
 from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.items import holding
@@ -98,7 +99,7 @@ def test_answers_to_others_are_not_ours(simulated: Any, relay: Any) -> None:
             mavlink.MAV_CMD_DO_SET_MODE, mavlink.MAV_RESULT_DENIED, 0, 0, 255, 190
         )
     )
-    late = vehicle_says(mavlink.MAVLink_mission_ack_message(255, 191, mavlink.MAV_MISSION_ACCEPTED))
+    late = vehicle_says(mavlink.MAVLink_mission_ack_message(245, 191, mavlink.MAV_MISSION_ACCEPTED))
     strange = (done, asks, denied, late)
     with simulated() as simulator:
         link = relay(simulator.url)
@@ -149,8 +150,7 @@ def test_messages_that_are_lost_are_sent_again(
         link = relay(simulator.url)
         link.edit = every_other
         with Vehicle(link.url) as vehicle:
-            vehicle.upload(SURVEY.items(ARDUPILOT))
-            vehicle.fly()
+            begin(vehicle, SURVEY.items(ARDUPILOT))
             assert len(captured(vehicle, 3)) == 3
     assert min(lost.values()) >= 2
 
@@ -171,8 +171,7 @@ def test_reports_of_photographs_that_were_lost_are_asked_for(simulated: Any, rel
         with Vehicle(link.url) as vehicle:
             assert vehicle.equipment().camera == "fvs simulated"
             items = holding(SURVEY.items(ARDUPILOT), 3_000.0)
-            vehicle.upload(items)
-            vehicle.fly()
+            begin(vehicle, items)
             vehicle.wait(lambda: vehicle.state.item == len(items) - 2, 60.0, "does not wait for more")
             assert {found.number for found in captured(vehicle, 2)} == {0, 1}  # the gap was seen
             vehicle.recover_captures()
@@ -217,4 +216,4 @@ link.close()
     environment = {name: value for name, value in os.environ.items() if name != "MAVLINK20"}
     command = [sys.executable, "-c", program]
     done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
-    assert done.stdout.strip() == "pymavlink.dialects.v20.common"
+    assert done.stdout.strip() == "pymavlink.dialects.v20.ardupilotmega"

@@ -7,8 +7,10 @@ import pytest
 from fvs_client import AltitudeDatum, InVolume, Orbit, Shell
 from fvs_client.fly.choice import Choice
 from fvs_client.fly.errors import VehicleError
-from fvs_client.fly.settings import FlightSettings
+from fvs_client.fly.home import Home
+from fvs_client.fly.settings import EndedError, FlightSettings
 
+from fvs_schema.candidates import AroundCurrent, CandidateStatus
 from fvs_schema.scenes import Origin
 from fvs_schema.terrain import Terrain
 
@@ -22,15 +24,19 @@ def asked(generator: Any) -> list[dict[str, Any]]:
     def rank(candidates: Any, **given: Any) -> Any:
         found.append({"candidates": candidates, **given})
         pose = given["current_pose"]
-        return SimpleNamespace(candidates=[SimpleNamespace(id="a", pose=pose, status=None)])
+        return SimpleNamespace(candidates=[SimpleNamespace(id="a", pose=pose, status=CandidateStatus.RANKED)])
 
-    state = SimpleNamespace(latitude_deg=47.0, longitude_deg=8.0, altitude_m=500.0, yaw_deg=90.0)
-    vehicle = SimpleNamespace(state=state, last_state=state)
-    settings = FlightSettings("north", 5, generator=generator, safety_m=2.0)
+    state = SimpleNamespace(
+        latitude_deg=47.0, longitude_deg=8.0, altitude_m=500.0, height_m=15.0, yaw_deg=90.0
+    )
+    vehicle = SimpleNamespace(home=Home(47.0, 8.0, 485.0), last_state=state)
+    settings = FlightSettings("north", 5, generator=generator, safety_m=2.0, radius_m=30.0)
+    watch = SimpleNamespace(airborne=False)
     choice = Choice(
-        *(cast("Any", part) for part in (SimpleNamespace(rank=rank), vehicle, settings, None, None))
+        *(cast("Any", part) for part in (SimpleNamespace(rank=rank), vehicle, settings, watch, None))
     )
     choice._rank(3)
+    watch.airborne = True
     choice._rank(2)
     return found
 
@@ -39,6 +45,7 @@ def test_candidates_of_a_volume_keep_the_safety_distance_and_stay_the_same() -> 
     first, second = asked(VOLUME)
     assert (first["generator"], first["safety_m"], first["candidates"]) == (VOLUME, 2.0, None)
     assert (second["generator"], second["safety_m"]) == (None, 2.0)
+    assert (first["radius_m"], second["radius_m"]) == (None, 30.0)  # the way from home may be longer
     assert [candidate.id for candidate in second["candidates"]] == ["a"]
 
 
@@ -56,7 +63,7 @@ def test_the_vehicle_says_where_it_is_in_the_datum_of_the_scene(
     state = SimpleNamespace(
         latitude_deg=47.0, longitude_deg=8.0, altitude_m=500.0, height_m=15.0, yaw_deg=90.0
     )
-    vehicle = SimpleNamespace(state=state, last_state=state)
+    vehicle = SimpleNamespace(home=Home(47.0, 8.0, 485.0), last_state=state)
     origin = Origin(latitude_deg=47.0, longitude_deg=8.0, altitude_m=0.0, altitude_datum=datum)
 
     def choice(**mission: float) -> Choice:
@@ -91,7 +98,7 @@ def flying(told: list[str], **limits: Any) -> tuple[Any, SimpleNamespace, list[T
         pose = given["current_pose"]
         asked.append(given["terrain"])
         ranked = [
-            SimpleNamespace(id=name, rank=number, pose=pose, status=None)
+            SimpleNamespace(id=name, rank=number, pose=pose, status=CandidateStatus.RANKED)
             for number, name in enumerate(places)
         ]
         return SimpleNamespace(id="rnk_1", candidates=ranked, origin=None)
@@ -106,7 +113,9 @@ def flying(told: list[str], **limits: Any) -> tuple[Any, SimpleNamespace, list[T
         latitude_deg=WEST[0], longitude_deg=WEST[1], altitude_m=9.0, height_m=9.0, yaw_deg=0.0
     )
     scene = SimpleNamespace(rank=rank, mission=mission, report_visits=lambda *_, **__: None)
-    vehicle = SimpleNamespace(state=state, last_state=state, dialect=SimpleNamespace(autopilot="ardupilot"))
+    vehicle = SimpleNamespace(
+        home=Home(*WEST, 0.0), last_state=state, dialect=SimpleNamespace(autopilot="ardupilot")
+    )
     watch = SimpleNamespace(trying=lambda ask: ask(), airborne=True)
     log = SimpleNamespace(event=lambda _kind, text, *_, **__: told.append(text))
     settings = FlightSettings("north", 5, generator=Orbit(count=2), **limits)
@@ -147,3 +156,28 @@ def test_a_view_behind_a_ridge_is_left_out() -> None:
     assert ranked_with.height_m(WEST) == 0.0  # home is at the scene's 0 m, as the vehicle says
     watch.airborne = False
     assert [view.id for view in views()] == ["east"]
+
+
+def test_why_no_candidate_has_a_rank_is_said_with_the_options_that_change_it() -> None:
+    statuses = (
+        [CandidateStatus.OUT_OF_RANGE] * 3 + [CandidateStatus.VISITED] + [CandidateStatus.TOO_CLOSE] * 2
+    )
+    ranking = SimpleNamespace(
+        id="rnk_1",
+        origin=None,
+        candidates=[SimpleNamespace(id="a", rank=None, pose=None, status=status) for status in statuses],
+    )
+    state = SimpleNamespace(
+        latitude_deg=47.0, longitude_deg=8.0, altitude_m=500.0, height_m=15.0, yaw_deg=90.0
+    )
+    vehicle = SimpleNamespace(home=Home(47.0, 8.0, 485.0), last_state=state)
+    scene = SimpleNamespace(rank=lambda *_, **__: ranking)
+    watch = SimpleNamespace(trying=lambda ask: ask(), airborne=True)
+    settings = FlightSettings("north", 5, generator=AroundCurrent(), radius_m=5.0)
+    choice = Choice(*(cast("Any", part) for part in (scene, vehicle, settings, watch, None)))
+    with pytest.raises(EndedError) as ended:
+        choice.next(1)
+    assert ended.value.reason == (
+        "no view can be flown to: none of 6 candidates has a rank: 3 out-of-range (--radius), "
+        "2 too-close (--safety), 1 visited."
+    )

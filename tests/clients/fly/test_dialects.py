@@ -8,7 +8,7 @@ from pymavlink import mavutil
 ARDUCOPTER = {
     Mode.MISSION: "AUTO", Mode.HOLD: "GUIDED", Mode.PAUSE: "BRAKE", Mode.RETURN: "RTL", Mode.LAND: "LAND"
 }  # fmt: skip
-AUTO = {Mode.MISSION: "MISSION", Mode.HOLD: "LOITER", Mode.RETURN: "RTL", Mode.LAND: "LAND"}
+AUTO = {Mode.MISSION: "MISSION", Mode.PAUSE: "LOITER", Mode.RETURN: "RTL", Mode.LAND: "LAND"}
 
 
 @pytest.mark.parametrize("mode", ARDUCOPTER)

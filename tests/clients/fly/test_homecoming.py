@@ -9,7 +9,9 @@ import pytest
 from fvs_client.fly.dialects import Mode
 from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.flight import Ending, FlightSettings
+from fvs_client.fly.home import Home
 from fvs_client.fly.homecoming import Homecoming
+from fvs_client.fly.items import Command, Frame, MissionItem
 from fvs_client.fly.log import FlightLog
 from fvs_client.fly.settings import EndedError
 from fvs_client.fly.vehicle import VehicleState
@@ -24,7 +26,7 @@ class Played:
     It lands at once when it returns or lands, unless ``answer`` raises.
     """
 
-    texts = ()
+    home = Home(47.0, 8.0, 440.0)
 
     def __init__(self, answer: Callable[[Mode, int], None], mode: Mode = Mode.MISSION) -> None:
         self.last_state = VehicleState(armed=True, mode=mode)
@@ -43,8 +45,8 @@ class Played:
         self._answer(mode, len(self.told))
         self.last_state = replace(self.last_state, mode=mode, armed=False)
 
-    def return_home(self) -> None:
-        self.set_mode(Mode.RETURN)
+    def said(self, _seconds: float) -> list[str]:
+        return []
 
     def recover_captures(self) -> None: ...
 
@@ -55,12 +57,16 @@ def _no_waits(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("fvs_client.fly.homecoming.POLL_S", 0.0)
 
 
-def come_home(vehicle: Any, *, handing_over: bool = False, settings: FlightSettings = _SETTINGS) -> list[str]:
+def come_home(vehicle: Any, *, paused: bool = False, settings: FlightSettings = _SETTINGS) -> list[str]:
     """How a flight ends when its vehicle comes home."""
     said: list[str] = []
     log = FlightLog(None, said.append)
     watch = Watch(vehicle, settings, log)
-    watch.airborne, watch.handing_over = True, handing_over
+    watch.items = [MissionItem(Command.WAYPOINT, Frame.GLOBAL), MissionItem(20, Frame.MISSION)]
+    with watch.commanding(Mode.PAUSE if paused else Mode.MISSION):
+        watch.flies()
+    if paused:
+        watch.paused.set()
     Homecoming(vehicle, watch, settings, log).wait()
     return said
 
@@ -82,8 +88,8 @@ def test_a_vehicle_that_never_returns_is_to_land() -> None:
         if mode is Mode.RETURN:
             raise VehicleError("The vehicle does not change to RETURN.")
 
-    vehicle = Played(refuses_to_return, Mode.HOLD)
-    said = come_home(vehicle)
+    vehicle = Played(refuses_to_return, Mode.PAUSE)
+    said = come_home(vehicle, paused=True)
     assert vehicle.told == [*[Mode.RETURN] * 5, Mode.LAND]
     assert said[-2:] == ["It does not return: it is to land where it is.", "The vehicle has landed."]
 
@@ -98,20 +104,21 @@ def test_a_command_without_an_answer_is_sent_again_while_the_vehicle_is_heard() 
     assert vehicle.told == [Mode.RETURN] * 3
 
 
-@pytest.mark.parametrize("handing_over", [False, True])
-def test_a_vehicle_that_stays_silent_has_not_landed(handing_over: bool) -> None:
+@pytest.mark.parametrize("paused", [False, True])
+def test_a_vehicle_that_stays_silent_has_not_landed(paused: bool) -> None:
     vehicle = Played(lambda _mode, _times: None)
     vehicle.silent = True
     with pytest.raises(EndedError, match="Its landing was not seen: The vehicle has been silent") as ended:
-        come_home(vehicle, handing_over=handing_over)
+        come_home(vehicle, paused=paused)
     assert ended.value.ending is Ending.VEHICLE
-    assert ("between two missions" in ended.value.reason) is handing_over
+    assert ("It was paused" in ended.value.reason) is paused
     assert vehicle.told == []
 
 
-def test_a_vehicle_that_others_fly_gets_no_command() -> None:
-    vehicle = Played(lambda _mode, _times: None, Mode.OTHER)
-    with pytest.raises(EndedError, match="a pilot or another ground station flies it") as ended:
+@pytest.mark.parametrize("mode", [Mode.OTHER, Mode.HOLD, Mode.PAUSE])
+def test_a_vehicle_that_others_fly_gets_no_command(mode: Mode) -> None:
+    vehicle = Played(lambda _mode, _times: None, mode)
+    with pytest.raises(EndedError, match="a pilot or another ground station has taken over") as ended:
         come_home(vehicle)
     assert ended.value.ending is Ending.PILOT
     assert vehicle.told == []
@@ -123,4 +130,30 @@ def test_a_vehicle_that_stays_in_the_air_is_not_waited_for_without_end() -> None
     with pytest.raises(EndedError, match="it is in the air after 0 s"):
         come_home(vehicle, settings=replace(_SETTINGS, leg_s=0.1))
     assert time.monotonic() - began < 10.0
+    assert vehicle.told == []
+
+
+def test_a_return_of_the_mission_gets_no_command() -> None:
+    """ArduPilot stays in AUTO when the return is an item of its mission."""
+    vehicle = Played(lambda _mode, _times: None)
+    vehicle.last_state = replace(vehicle.last_state, item=1)
+    with pytest.raises(EndedError, match="it is in the air after 0 s"):
+        come_home(vehicle, settings=replace(_SETTINGS, leg_s=0.1))
+    assert vehicle.told == []
+
+
+def test_a_pilot_who_takes_a_returning_vehicle_keeps_it() -> None:
+    """Also in a mode that the flight has commanded before."""
+
+    class Taken(Played):
+        modes = iter([Mode.RETURN, Mode.MISSION])
+
+        @property
+        def state(self) -> VehicleState:
+            return replace(self.last_state, mode=next(self.modes))
+
+    vehicle = Taken(lambda _mode, _times: None)
+    with pytest.raises(EndedError, match="has taken over") as ended:
+        come_home(vehicle)
+    assert ended.value.ending is Ending.PILOT
     assert vehicle.told == []

@@ -5,7 +5,15 @@ import math
 import pytest
 from fvs_client.fly.dialects import ARDUPILOT, PX4
 from fvs_client.fly.errors import VehicleError
-from fvs_client.fly.items import Command, Frame, MissionItem, holding, read_waypoints
+from fvs_client.fly.items import (
+    Command,
+    Frame,
+    MissionItem,
+    after,
+    holding,
+    read_waypoints,
+    resumes_at,
+)
 from fvs_client.fly.survey import Survey
 
 HOME = "0\t1\t0\t16\t0\t0\t0\t0\t47.5\t8.25\t412.5\t1"
@@ -95,3 +103,31 @@ def test_an_arc_has_a_photograph_at_either_end() -> None:
 def test_a_survey_that_cannot_be_flown_is_refused(wrong: dict[str, float]) -> None:
     with pytest.raises(VehicleError, match="3 photographs"):
         Survey(**{"latitude_deg": 0.0, "longitude_deg": 0.0, "radius_m": 9.0, "height_m": 9.0, **wrong})  # type: ignore[arg-type]
+
+
+@pytest.mark.parametrize("count", [3, 12])
+def test_a_vehicle_whose_upload_ends_halfway_waits_and_returns(count: int) -> None:
+    """ArduPilot truncates its list to the length of the new one, and then replaces item by item."""
+    last = holding(Survey(0.0, 0.0, 10.0, 5.0, count=5).items(ARDUPILOT), 90.0)
+    waits_at = len(last) - 2
+    new = holding(Survey(0.0, 0.0, 20.0, 5.0, count=count).items(ARDUPILOT), 60.0)
+    sent, first = after(new, last, waits_at)
+    assert sent[0] == new[0]
+    assert sent[first : first + len(new) - 1] == new[1:]
+    for received in range(len(sent) + 1):
+        stored = [*sent[:received], *last[received : len(sent)]]
+        assert stored[waits_at] == last[waits_at]
+        assert stored[waits_at + 1].command == Command.RETURN_TO_LAUNCH
+    ends = first + len(new) - 3  # where it waits next
+    assert sent[ends] == new[-2]
+    assert waits_at not in range(first, ends + 1)
+
+
+def test_after_a_pause_the_gimbal_turns_again() -> None:
+    items = Survey(60.0, 8.0, radius_m=100.0, height_m=50.0, count=3).items(ARDUPILOT)
+    turns = [number for number, item in enumerate(items) if item.command == Command.MOUNT_CONTROL]
+    taken = [number for number, item in enumerate(items) if item.command == Command.DIGICAM_CONTROL]
+    assert resumes_at(items, 1) == 1  # it takes off
+    for turn, shutter in zip(turns, taken, strict=True):
+        assert {resumes_at(items, number) for number in range(turn, shutter + 1)} == {turn}
+        assert resumes_at(items, shutter + 1) == shutter + 1  # the photograph is taken

@@ -42,7 +42,7 @@ def test_a_mission_that_begins_without_an_answer_is_flown(
 
 
 @pytest.mark.system
-def test_a_link_that_stays_lost_between_two_missions_is_said(
+def test_a_link_that_stays_lost_between_two_missions_leaves_a_vehicle_that_comes_home(
     simulated: Any,
     relay: Any,
     gateway: Any,
@@ -56,7 +56,9 @@ def test_a_link_that_stays_lost_between_two_missions_is_said(
     with simulated() as simulator, working(gateway, scene), ExitStack() as stack:
         link = relay(simulator.url)
         log = tmp_path / "flight.jsonl"
-        flown = Flown(stack, simulator, scene, url, log, link=link.url, photographs=4, silence_s=1.0)
+        flown = Flown(
+            stack, simulator, scene, url, log, link=link.url, photographs=4, silence_s=1.0, patience_s=600.0
+        )
         flown.wait_for("photograph", 3)
 
         def cut(message: Any) -> list[Any]:
@@ -65,11 +67,13 @@ def test_a_link_that_stays_lost_between_two_missions_is_said(
 
         link.edit = cut
         result = flown.result()
-        assert simulator.autopilot.mode is Mode.GUIDED
+        assert simulator.autopilot.mode is Mode.MISSION
+        until = time.monotonic() + 90.0
+        while simulator.autopilot.vehicle.position[2] > 0.0:
+            assert time.monotonic() < until
+            time.sleep(0.05)
     assert result.ending is Ending.VEHICLE
-    assert "between two missions: it stays where it is unless its failsafe" in result.reason
-    [warning] = flown.events("warning")
-    assert "FS_GCS_ENABLE is 0" in warning["text"]
+    assert "Its landing was not seen" in result.reason
 
 
 @pytest.mark.system

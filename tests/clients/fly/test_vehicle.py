@@ -6,6 +6,7 @@ import time
 from typing import Any
 
 import pytest
+from flights import begin
 from fvs_client.fly.dialects import ARDUPILOT
 from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.items import Command, Frame, MissionItem, holding
@@ -36,8 +37,7 @@ def test_a_survey_is_flown_and_photographed(simulated: Any, firmware: str) -> No
         assert vehicle.state.latitude_deg == pytest.approx(47.3769, abs=1e-6)
         assert not vehicle.state.armed
         items = holding(SURVEY.items(vehicle.dialect), 5.0)
-        vehicle.upload(items)
-        vehicle.fly()
+        begin(vehicle, items)
         photographs = captured(vehicle, 3)
         vehicle.wait(lambda: vehicle.state.item >= len(items) - 2, 60.0, "does not wait for more")
         assert [photograph.succeeded for photograph in photographs] == [True] * 3
@@ -99,8 +99,7 @@ def test_a_mission_that_the_autopilot_refuses_names_the_item(simulated: Any) -> 
 @pytest.mark.parametrize("firmware", ["ardupilot", "px4"])
 def test_a_pause_holds_and_home_is_home(simulated: Any, firmware: str) -> None:
     with simulated(firmware=firmware) as simulator, Vehicle(simulator.url) as vehicle:
-        vehicle.upload(SURVEY.items(vehicle.dialect))
-        vehicle.fly()
+        begin(vehicle, SURVEY.items(vehicle.dialect))
         captured(vehicle, 1)
         vehicle.pause()
         time.sleep(0.4)
@@ -108,17 +107,17 @@ def test_a_pause_holds_and_home_is_home(simulated: Any, firmware: str) -> None:
         time.sleep(0.4)  # twenty seconds of the vehicle's
         after = vehicle.state
         assert (after.mode, after.item) == (
-            Mode.HOLD if firmware == "px4" else Mode.PAUSE,  # PX4 has one mode for both
+            Mode.PAUSE,
             before.item,
         )
         assert abs(after.latitude_deg - before.latitude_deg) * 111_195.0 < 1.0
         assert vehicle.captures() == []
-        vehicle.resume()
+        vehicle.resume(before.item)
         [photograph] = captured(vehicle, 1)
         assert photograph.place is not None
         north_m = (photograph.place[0] - 47.3769) * 111_195.0
         assert north_m == pytest.approx(25.0 * math.cos(math.radians(120.0)), abs=1.5)  # not where it paused
-        vehicle.return_home()
+        vehicle.set_mode(Mode.RETURN)
         vehicle.wait(lambda: not vehicle.state.armed, 60.0, "does not land")
         assert vehicle.captures() == []
 
@@ -127,17 +126,15 @@ def test_a_pause_holds_and_home_is_home(simulated: Any, firmware: str) -> None:
 def test_a_low_battery_sends_it_home(simulated: Any) -> None:
     with simulated(endurance_s=120.0) as simulator, Vehicle(simulator.url) as vehicle:
         items = holding(SURVEY.items(ARDUPILOT), 3_600.0)
-        vehicle.upload(items)
-        vehicle.fly()
+        begin(vehicle, items)
         vehicle.wait(lambda: vehicle.state.mode == Mode.RETURN, 60.0, "does not return")
-        assert "Battery Failsafe" in vehicle.texts
+        assert "Battery Failsafe" in vehicle.said(60.0)
 
 
 def test_a_photograph_that_fails_is_told(simulated: Any) -> None:
     with simulated() as simulator, Vehicle(simulator.url) as vehicle:
         simulator.autopilot.faults.failing_photographs.add(1)
-        vehicle.upload(SURVEY.items(ARDUPILOT))
-        vehicle.fly()
+        begin(vehicle, SURVEY.items(ARDUPILOT))
         assert [photograph.succeeded for photograph in captured(vehicle, 3)] == [True, False, True]
         assert len(list(simulator.folder.glob("*.jpg"))) == 2
 

@@ -80,6 +80,10 @@ def fly(
             "--unchecked", help="Fly even if the vehicle reports no camera, no gimbal or no battery."
         ),
     ] = False,
+    take_over: Annotated[
+        bool,
+        typer.Option("--take-over", help="Fly a vehicle that somebody else has armed, or flies."),
+    ] = False,
     name: Annotated[
         str,
         typer.Option(
@@ -112,7 +116,7 @@ def fly(
     candidates: CandidatesOption = None,
     radius: Annotated[
         float | None,
-        typer.Option(min=0, max=1e9, metavar="M", help="Only views within M of the vehicle."),
+        typer.Option(min=0, max=1e9, metavar="M", help="In the air, only views within M of the vehicle."),
     ] = None,
     survey: Annotated[
         str | None,
@@ -227,6 +231,7 @@ def fly(
         leg_views=leg,
         safety_m=safety,
         equipment=not unchecked,
+        take_over=take_over,
         survey=None
         if survey is None
         else _survey(survey, survey_target, survey_views, survey_start, survey_arc),
@@ -249,7 +254,7 @@ def fly(
             photographs, found.id, url=target.url or DEFAULT_URL, api_key=target.api_key, say=say
         )
         try:
-            with Vehicle(vehicle, system=system) as connected, sending as sent:
+            with Vehicle(vehicle, system=system, say=say) as connected, sending as sent:
                 flight = Flight(found, connected, sent, settings, FlightLog(log, say))
                 _listen(flight)
                 result = flight.fly()

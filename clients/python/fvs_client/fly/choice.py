@@ -1,6 +1,7 @@
 """Chooses where a vehicle flies next: the first of a ranking, or several views of a plan."""
 
 import math
+from collections import Counter
 from collections.abc import Iterator, Sequence
 from functools import partial
 from itertools import zip_longest
@@ -22,8 +23,9 @@ from fvs_client.fly.ground import Ground, described
 from fvs_client.fly.items import Command, Frame, holding, read_waypoints
 from fvs_client.fly.leg import Leg
 from fvs_client.fly.log import FlightLog
+from fvs_client.fly.places import apart_m
 from fvs_client.fly.settings import EndedError, Ending, FlightSettings
-from fvs_client.fly.vehicle import Vehicle, VehicleState
+from fvs_client.fly.vehicle import Vehicle
 from fvs_client.fly.watch import Watch
 from fvs_client.height_model import places_of
 from fvs_client.models.missions import MissionFile, MissionSettings
@@ -37,7 +39,13 @@ _TAKEN_S = 3_600.0
 """Time for a photograph to arrive before others may take its view again."""
 _MOST_REFUSED = 10
 """Number of candidates of a ranking, or plans, that cannot be flown, after which a flight ends."""
-_DEGREE_M = 111_195.0
+_REMEDIES = {
+    CandidateStatus.OUT_OF_RANGE: "--radius",
+    CandidateStatus.TOO_CLOSE: "--safety",
+    CandidateStatus.IN_MATTER: "--generator, --candidates",
+    CandidateStatus.UNDER_GROUND: "--generator, --candidates, --terrain",
+}
+"""The options that change why candidates have no rank."""
 _AROUND_M = 100.0
 """How far around the vehicle candidates are compared with the ground; their missions are in any case."""
 _BLOCKED = "the way to it from where the vehicle is"
@@ -55,7 +63,6 @@ class Choice:
     ) -> None:
         self._scene, self._vehicle, self._settings = scene, vehicle, settings
         self._watch, self._log = watch, log
-        self._home: VehicleState = vehicle.state
         self._candidates = settings.candidates
         self._gimbal: MissionSettings = {}
         self._datum = AltitudeDatum.SEA_LEVEL
@@ -108,7 +115,7 @@ class Choice:
     def _ranked(self, photographs: int) -> Leg:
         """A leg to the first view of a ranking that can be flown to."""
         ranking = self._watch.trying(lambda: self._rank(photographs))
-        reason = "no candidate has a rank."
+        reason = _unranked(ranking)
         for best in [item for item in ranking.candidates if item.rank is not None][:_MOST_REFUSED]:
             view = Candidate(id=best.id, pose=best.pose)
             try:
@@ -137,7 +144,7 @@ class Choice:
         if not self._located:
             self._watch.trying(lambda: self._rank(count))
         out: set[str] = set()
-        reason = "the plan has no stop."
+        reason = f"no candidate is within --radius, {self._settings.radius_m} m, of the vehicle."
         for tries_left in reversed(range(_MOST_REFUSED)):
             candidates = tuple(view for view in self._reachable() if view.id not in out)
             if not candidates:
@@ -195,7 +202,7 @@ class Choice:
         limits, heights = self._settings.mission, self._settings.terrain
         if not self._watch.airborne:
             return None
-        here, home = self._vehicle.last_state, self._home
+        here = self._vehicle.last_state
         items = read_waypoints(mission.content.decode())
         first = next(item for item in items[1:] if item.command == Command.WAYPOINT)
         start, end = (here.latitude_deg, here.longitude_deg), (first.x, first.y)
@@ -203,7 +210,7 @@ class Choice:
             return f"{_BLOCKED} leaves the geofence."
         if heights is None or first.frame != Frame.RELATIVE:
             return None
-        at_home = home.latitude_deg, home.longitude_deg
+        at_home = self._vehicle.home.place
         ground = Ground(heights.around([at_home, start, end]), at_home)
         height_m, place = min(ground.over(start, end, (here.height_m, first.z)))
         if height_m < max(limits.get("lowest_height_m", 0.0), 0.0):
@@ -215,9 +222,7 @@ class Choice:
         """Whether the distances of all candidates are known, where that matters."""
         if self._candidates is None:
             return False
-        return self._settings.radius_m is None or all(
-            isinstance(view.pose, VehiclePose) for view in self._candidates
-        )
+        return self._radius_m is None or all(isinstance(view.pose, VehiclePose) for view in self._candidates)
 
     def _leave_out(self, name: str, reason: str) -> None:
         """Report once that a view is left out."""
@@ -234,7 +239,7 @@ class Choice:
             self._candidates,
             generator=generator,
             current_pose=self._pose(),
-            radius_m=settings.radius_m,
+            radius_m=self._radius_m,
             safety_m=settings.safety_m,
             terrain=self._surface(),
             method=settings.method,
@@ -261,23 +266,23 @@ class Choice:
 
     def _reachable(self) -> Iterator[Candidate]:
         """The candidates within the radius of the vehicle."""
-        here, radius_m = self._vehicle.last_state, self._settings.radius_m
+        here, radius_m = self._vehicle.last_state, self._radius_m
         for view in self._candidates or ():
             pose = view.pose
             if radius_m is None or not isinstance(pose, VehiclePose):
                 yield view
                 continue
-            north_m = (pose.latitude_deg - here.latitude_deg) * _DEGREE_M
-            degrees = (pose.longitude_deg - here.longitude_deg + 180.0) % 360.0 - 180.0
-            east_m = degrees * _DEGREE_M * math.cos(math.radians(here.latitude_deg))
-            if math.hypot(north_m, east_m, pose.altitude_m - self._altitude_m(here)) <= radius_m:
+            place = pose.latitude_deg, pose.longitude_deg
+            away_m = apart_m((here.latitude_deg, here.longitude_deg), place)
+            up_m = pose.altitude_m - self._altitude_m(here.altitude_m, here.height_m)
+            if math.hypot(away_m, up_m) <= radius_m:
                 yield view
 
     def _mission(
         self, views: Tour | Sequence[Candidate], origin: Origin | None, snapshot_id: str | None = None
     ) -> MissionFile:
         """The mission through views, as a waypoint file; of a plan, those that can be flown."""
-        home = self._home
+        home = self._vehicle.home
         given: MissionSettings = {
             "home_latitude_deg": home.latitude_deg,
             "home_longitude_deg": home.longitude_deg,
@@ -286,7 +291,7 @@ class Choice:
             "leave_out": isinstance(views, Tour),
         }
         if origin is not None:
-            given["home_altitude_m"] = self._altitude_m(home) - home.height_m
+            given["home_altitude_m"] = self._altitude_m(home.altitude_m, 0.0)
         given |= self._gimbal
         given |= self._settings.mission
         return self._scene.mission(
@@ -299,49 +304,64 @@ class Choice:
 
     def _terrain(self, views: Tour | Sequence[Candidate], origin: Origin | None) -> Terrain | None:
         """The ground around home and the views, and the ways to them."""
-        heights, home = self._settings.terrain, self._home
+        heights = self._settings.terrain
         if heights is None:
             return None
         poses = [view.pose for view in (views.stops if isinstance(views, Tour) else views)]
         if isinstance(views, Tour):
             poses += [pose for stop in views.stops for pose in stop.via] + list(views.via_home)
         here = self._vehicle.last_state
-        places = [(state.latitude_deg, state.longitude_deg) for state in (home, here)]
+        places = [self._vehicle.home.place, (here.latitude_deg, here.longitude_deg)]
         return heights.around([*places, *places_of(poses, origin)])
 
     def _surface(self) -> Terrain | None:
         """The ground around the vehicle, at the altitudes of the scene."""
-        heights, home, here = self._settings.terrain, self._home, self._vehicle.last_state
+        heights, home, here = self._settings.terrain, self._vehicle.home, self._vehicle.last_state
         if heights is None:
             return None
-        at_home = home.latitude_deg, home.longitude_deg
+        at_home = home.place
         terrain = heights.around([at_home, (here.latitude_deg, here.longitude_deg)], _AROUND_M)
         home_m = terrain.height_m(at_home)
         if home_m is None:
             raise VehicleError(f"The height model has no height at home, {described(at_home)}.")
-        return terrain.raised(self._altitude_m(home) - home.height_m - home_m, self._datum)
+        return terrain.raised(self._altitude_m(home.altitude_m, 0.0) - home_m, self._datum)
 
     def _leg(self, mission: MissionFile, views: tuple[Candidate, ...]) -> Leg:
         items = read_waypoints(mission.content.decode())
         return Leg(holding(items, self._settings.patience_s), views)
 
-    def _altitude_m(self, state: VehicleState) -> float:
-        """The vehicle's altitude in the scene's datum."""
+    @property
+    def _radius_m(self) -> float | None:
+        """The maximum distance of views from the vehicle: none from home, where it begins."""
+        return self._settings.radius_m if self._watch.airborne else None
+
+    def _altitude_m(self, above_sea_m: float, above_home_m: float) -> float:
+        """An altitude in the scene's datum."""
         match self._datum:
             case AltitudeDatum.TAKEOFF:
-                return state.height_m
+                return above_home_m
             case AltitudeDatum.ELLIPSOID:
-                return state.altitude_m + self._settings.mission["geoid_height_m"]
+                return above_sea_m + self._settings.mission["geoid_height_m"]
             case AltitudeDatum.SEA_LEVEL:
-                return state.altitude_m
+                return above_sea_m
 
     def _pose(self) -> VehiclePose:
         state = self._vehicle.last_state
         return VehiclePose(
             latitude_deg=state.latitude_deg,
             longitude_deg=state.longitude_deg,
-            altitude_m=self._altitude_m(state),
+            altitude_m=self._altitude_m(state.altitude_m, state.height_m),
             altitude_datum=self._datum,
             yaw_deg=0.0 if math.isnan(state.yaw_deg) else state.yaw_deg,
             pitch_deg=0.0,
         )
+
+
+def _unranked(ranking: Ranking) -> str:
+    """Why no candidate has a rank: how many have which status, and the options that change it."""
+    counts = Counter(item.status for item in ranking.candidates)
+    reasons = [
+        f"{count} {status.value}" + (f" ({_REMEDIES[status]})" if status in _REMEDIES else "")
+        for status, count in counts.most_common()
+    ]
+    return f"none of {len(ranking.candidates)} candidates has a rank: {', '.join(reasons)}."

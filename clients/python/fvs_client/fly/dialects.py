@@ -9,6 +9,7 @@ from dataclasses import dataclass, field
 from enum import Enum, auto
 
 from fvs_client.fly.errors import VehicleError
+from fvs_client.fly.items import Command
 from fvs_schema.missions import Autopilot
 
 _ARDUPILOT, _PX4 = 3, 12
@@ -21,10 +22,10 @@ class Mode(Enum):
     """Flight modes."""
 
     MISSION = auto()
-    HOLD = auto()
-    """It stays where it is, and can get a mission."""
     PAUSE = auto()
     """It stops at once."""
+    HOLD = auto()
+    """It arms in this mode. Where that is the mode of a pause, it is reported as ``PAUSE``."""
     RETURN = auto()
     LAND = auto()
     OTHER = auto()
@@ -46,6 +47,11 @@ class Dialect:
     """Whether it turns to the yaw of a waypoint; else that takes ``MAV_CMD_CONDITION_YAW``."""
     lost_link: str
     """The parameter of its failsafe for lost ground stations; 0: none."""
+    replaces_items: bool
+    """Whether an upload replaces the items one by one, while the vehicle goes on with the list as it is; else
+    it replaces all at its end, and the new mission begins at once."""
+    keeps: Mapping[int, tuple[int, ...]]
+    """The parameters, from 0, that it keeps of an item's command; all of those that are not here."""
     also: Mapping[int, Mode] = field(default_factory=dict)
     """Other values of ``custom_mode`` that vehicles report, but that are never requested."""
 
@@ -66,8 +72,8 @@ ARDUPILOT = Dialect(
     Autopilot.ARDUPILOT,
     {
         Mode.MISSION: (3, 0),  # AUTO
-        Mode.HOLD: (4, 0),  # GUIDED
         Mode.PAUSE: (17, 0),  # BRAKE
+        Mode.HOLD: (4, 0),  # GUIDED
         Mode.RETURN: (6, 0),  # RTL
         Mode.LAND: (9, 0),
     },
@@ -75,6 +81,14 @@ ARDUPILOT = Dialect(
     home_is_first=True,
     turns_at_waypoints=False,
     lost_link="FS_GCS_ENABLE",
+    replaces_items=True,
+    # Its acceptance radius is WPNAV_RADIUS, and loiters have none.
+    keeps={
+        Command.WAYPOINT: (0,),
+        Command.LOITER_TIME: (0,),
+        Command.TAKEOFF: (),
+        Command.MOUNT_CONTROL: (0, 1, 2),
+    },
     also={21: Mode.RETURN, 27: Mode.RETURN},  # SMART_RTL, AUTO_RTL
 )
 _AUTO = 4
@@ -82,8 +96,8 @@ PX4 = Dialect(
     Autopilot.PX4,
     {
         Mode.MISSION: (_AUTO, 4),
-        Mode.HOLD: (_AUTO, 3),  # AUTO.LOITER
-        Mode.PAUSE: (_AUTO, 3),
+        Mode.PAUSE: (_AUTO, 3),  # AUTO.LOITER
+        Mode.HOLD: (_AUTO, 3),
         Mode.RETURN: (_AUTO, 5),
         Mode.LAND: (_AUTO, 6),
     },
@@ -91,6 +105,8 @@ PX4 = Dialect(
     home_is_first=False,
     turns_at_waypoints=True,
     lost_link="NAV_DLL_ACT",
+    replaces_items=False,
+    keeps={Command.WAYPOINT: (0, 1, 3), Command.LOITER_TIME: (0,), Command.TAKEOFF: (3,)},
     also={_AUTO << 16 | 9 << 24: Mode.LAND},  # AUTO.PRECLAND
 )
 

@@ -1,14 +1,15 @@
 """A flight: request views, fly there, photograph them, send the photographs, update the model, repeat.
 
 Each mission ends at home. After a leg the vehicle waits for the next one; when none comes in time, because
-the service, the link or this program is gone, it returns by itself. While it gets a mission, tenths of a
-second, and in a pause it flies none: if the link breaks then, its own failsafe decides.
+the service, the link or this program is gone, it returns by itself. In a pause it flies none: if the link
+breaks then, its own failsafe decides.
 """
 
 import contextlib
 import math
 import threading
 import time
+from collections.abc import Callable
 
 from fvs_client import ConflictError, FvsError, Job, Scene, VisitState
 from fvs_client.fly.checks import require_battery, require_equipment, warn_of_failsafe
@@ -16,15 +17,18 @@ from fvs_client.fly.choice import Choice
 from fvs_client.fly.dialects import Mode
 from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.ground import Ground
+from fvs_client.fly.home import Home
 from fvs_client.fly.homecoming import Homecoming
-from fvs_client.fly.items import holding
+from fvs_client.fly.items import after, holding, resumes_at
 from fvs_client.fly.leg import Leg
 from fvs_client.fly.log import FlightLog
 from fvs_client.fly.photographs import Photographs
 from fvs_client.fly.settings import EndedError, Ending, FlightResult, FlightSettings
+from fvs_client.fly.start import HomeMovedError, require_home, require_near
+from fvs_client.fly.survey import Survey
 from fvs_client.fly.survey_limits import require_within_limits
 from fvs_client.fly.vehicle import Capture, Vehicle, VehicleState
-from fvs_client.fly.watch import POLL_S, Watch
+from fvs_client.fly.watch import POLL_S, Control, Watch
 
 __all__ = ["Ending", "Flight", "FlightResult", "FlightSettings"]
 
@@ -53,6 +57,8 @@ class Flight:
         self._commanding = threading.Lock()
         """Held while commands change the vehicle's mode or mission: acknowledgements belong to one thread."""
         self._over = False
+        self._leg = Leg([])
+        """What is flown, or was last."""
         self._next_track_s = 0.0
         self._taken = self._failed = self._failed_in_row = 0
 
@@ -69,16 +75,19 @@ class Flight:
         self._watch.paused.set()
         with self._commanding:
             self._require_flight()
-            if self._watch.airborne and self._vehicle.state.mode in (Mode.MISSION, Mode.HOLD):
-                self._vehicle.pause()
+            if self._watch.airborne and self._watch.control(self._vehicle.state) is Control.OURS:
+                with self._watch.commanding(Mode.PAUSE):
+                    self._vehicle.pause()
 
     def resume(self) -> None:
-        """Resume after ``pause``. Raises ``VehicleError`` as ``pause`` does."""
+        """Resume after ``pause``, from where the gimbal turns. Raises ``VehicleError`` as ``pause`` does."""
         if self._watch.paused.is_set():
             with self._commanding:
                 self._require_flight()
-                if self._watch.airborne and self._vehicle.state.mode in (Mode.HOLD, Mode.PAUSE):
-                    self._vehicle.resume()
+                state = self._vehicle.state
+                if self._watch.airborne and self._watch.control(state) is Control.OURS:
+                    with self._watch.commanding(Mode.MISSION):
+                        self._vehicle.resume(resumes_at(self._watch.items, state.item))
                 self._watch.paused.clear()
 
     def _require_flight(self) -> None:
@@ -95,6 +104,8 @@ class Flight:
         failure: Exception | None = None
         try:
             self._check()
+            if self._settings.take_over:
+                self._watch.take_over()
             self._survey()
             while True:
                 self._update()
@@ -123,6 +134,7 @@ class Flight:
 
     def _check(self) -> None:
         """Raise ``VehicleError`` for a vehicle without the required equipment; warn of risks."""
+        self._watch.require_going_on()
         gimbal_deg = require_equipment(self._vehicle, self._settings)
         if gimbal_deg is not None:
             self._choice.limit_gimbal(*gimbal_deg)
@@ -140,16 +152,16 @@ class Flight:
             raise EndedError(
                 Ending.NO_VIEW, "the scene has no model: send photographs first, or fly a survey (--survey)."
             )
-        here = self._vehicle.last_state
-        home = here.latitude_deg, here.longitude_deg
-        ground, heights = None, self._settings.terrain
+        self._fly(lambda: self._survey_leg(survey))
+
+    def _survey_leg(self, survey: Survey) -> Leg:
+        home, ground, heights = self._vehicle.home.place, None, self._settings.terrain
         if heights is not None:
             middle = survey.latitude_deg, survey.longitude_deg
             ground = Ground(heights.around([home, middle, *survey.places]), home)
         require_within_limits(survey, home, self._settings.mission, ground)
-        leg = Leg(holding(survey.items(self._vehicle.dialect, home, ground), self._settings.patience_s))
         self._log.event("survey", f"Survey: {survey.count} photographs.", self._vehicle.last_state)
-        self._fly(leg)
+        return Leg(holding(survey.items(self._vehicle.dialect, home, ground), self._settings.patience_s))
 
     def _update(self) -> None:
         """Have all photographs registered and the model trained; the vehicle waits meanwhile."""
@@ -162,6 +174,7 @@ class Flight:
             job = watch.trying(self._job)
             while not job.ended:
                 watch.require_going_on()
+                watch.require_in_time()
                 time.sleep(POLL_S * 5)
                 job = watch.trying(job.refresh)
         except ConflictError:  # there is nothing new
@@ -195,13 +208,8 @@ class Flight:
 
     def _next_leg(self) -> None:
         """Request views, fly there and photograph them."""
-        leg = self._choice.next(self._settings.photographs - self._taken)
-        try:
-            self._fly(leg)
-        except (EndedError, VehicleError):
-            with contextlib.suppress(FvsError):  # the flight is over: a report that is lost expires
-                self._report(leg)
-            raise
+        photographs = self._settings.photographs - self._taken
+        leg = self._fly(lambda: self._choice.next(photographs))
         self._watch.trying(lambda: self._report(leg))
         self._failed_in_row = 0 if leg.succeeded else self._failed_in_row + len(leg.views)
         if self._failed_in_row >= _MOST_FAILED:
@@ -211,35 +219,64 @@ class Flight:
         self._choice.report(VisitState.TAKEN, leg.succeeded)
         self._choice.report(VisitState.FAILED, [*leg.failed, *leg.left])
 
-    def _fly(self, leg: Leg) -> None:
-        """Upload the mission, unless the flight is paused, and wait for its photographs."""
+    def _fly(self, make: Callable[[], Leg]) -> Leg:
+        """Fly what ``make`` returns, unless the flight is paused, and wait for its photographs.
+
+        It is made again where home moves when the vehicle arms.
+        """
+        for tries_left in reversed(range(_TRIES)):
+            home, last = self._vehicle.home, self._leg
+            leg = make()
+            if self._watch.airborne and self._watch.items and self._vehicle.dialect.replaces_items:
+                leg.items, leg.first = after(leg.items, last.items, last.waits_at)
+            try:
+                self._start(leg, home)
+                self._leg = leg
+                self._take(leg)
+                break
+            except (EndedError, VehicleError) as error:
+                if isinstance(error, HomeMovedError) and tries_left:
+                    text = f"{error.message} The mission is made again."
+                    self._log.event("home", text, self._vehicle.last_state)
+                    continue
+                with contextlib.suppress(FvsError):  # the flight is over: a report that is lost expires
+                    self._report(leg)
+                raise
+        return leg
+
+    def _start(self, leg: Leg, home: Home) -> None:
+        """Begin a leg, after a pause, and again where answers are lost."""
         for tries_left in reversed(range(_TRIES)):
             self._watch.require_going_on()  # waits for a vehicle that is silent; without the lock
             try:
-                while not self._begin(leg):
+                while not self._begin(leg, home):
                     self._watch.wait_while_paused()
-                break
+                return
             except NoAnswerError:  # the link may come back: the mission is sent again then
                 if not tries_left:
                     raise
-        self._take(leg)
 
-    def _begin(self, leg: Leg) -> bool:
+    def _begin(self, leg: Leg, home: Home) -> bool:
         """Replace the vehicle's mission and begin it; False when it is paused."""
-        watch = self._watch
+        vehicle, watch = self._vehicle, self._watch
         with self._commanding:
-            watch.require_going_on()
+            state = watch.require_going_on()
             if watch.paused.is_set():
                 return False
-            watch.handing_over = True
-            if watch.airborne or (watch.starting and self._vehicle.state.armed):
-                self._vehicle.hold()
-            self._vehicle.captures()  # late reports belong to the view before
-            self._vehicle.upload(leg.items)
-            watch.starting = True
-            self._vehicle.fly()
-            watch.airborne, watch.handing_over = True, False
-            watch.deadline_s = math.inf
+            require_near(leg.items, state, home, self._settings.mission)
+            vehicle.captures()  # late reports belong to the view before
+            vehicle.upload(leg.items)
+            watch.items = leg.items
+            watch.require_going_on()  # that took time: it may return by now
+            began = state.armed and state.mode is Mode.MISSION  # and only the answer was lost
+            if not (watch.airborne or began):
+                watch.starting = True
+                with watch.commanding(Mode.HOLD):
+                    vehicle.arm()
+                require_home(vehicle, home)
+            with watch.commanding(Mode.MISSION):
+                vehicle.begin(leg.first, leg.waits_at)
+            watch.flies()
         return True
 
     def _take(self, leg: Leg) -> None:

@@ -7,7 +7,7 @@ from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.log import FlightLog
 from fvs_client.fly.settings import EndedError, Ending, FlightSettings
 from fvs_client.fly.vehicle import Vehicle
-from fvs_client.fly.watch import POLL_S, RETURNING, Watch
+from fvs_client.fly.watch import POLL_S, Control, Watch
 
 _AGAIN_S = 1.0
 _LAND_EVERY = 6
@@ -29,21 +29,22 @@ class Homecoming:
         """
         if not (self._watch.airborne or self._watch.starting):
             return
-        commanded, until_s = False, time.monotonic() + self._settings.leg_s
+        until_s = time.monotonic() + self._settings.leg_s
         while True:
             try:
                 state = self._watch.here()
-                if not state.armed:
-                    if self._watch.airborne:
-                        self._log.event("landed", "The vehicle has landed.", state)
-                    return
-                if state.mode is Mode.OTHER:
-                    raise EndedError(Ending.PILOT, "Now a pilot or another ground station flies it.")
-                if not commanded and state.mode not in RETURNING:
-                    self._command()
-                    until_s = time.monotonic() + self._settings.leg_s
-                commanded = True
-                self._watch.handing_over = False
+                match control := self._watch.control(state):
+                    case Control.LANDED:
+                        if self._watch.airborne:
+                            self._log.event("landed", "The vehicle has landed.", state)
+                        return
+                    case Control.OTHERS:
+                        raise EndedError(Ending.PILOT, f"Now {self._watch.why(control, state)}")
+                    case Control.OURS:
+                        self._command()
+                        until_s = time.monotonic() + self._settings.leg_s
+                    case Control.RETURNING:
+                        self._watch.release()  # whoever changes its mode from now on
                 self._watch.paused.clear()
                 if time.monotonic() > until_s:
                     raise self._lost(f"it is in the air after {self._settings.leg_s:.0f} s.")
@@ -56,13 +57,14 @@ class Homecoming:
 
     def _command(self) -> None:
         """Return home; land in place if the vehicle keeps refusing that."""
-        if self._refusals % _LAND_EVERY == _LAND_EVERY - 1:
+        land = self._refusals % _LAND_EVERY == _LAND_EVERY - 1
+        if land:
             self._log.event(
                 "lands", "It does not return: it is to land where it is.", self._vehicle.last_state
             )
-            self._vehicle.set_mode(Mode.LAND)
-        else:
-            self._vehicle.return_home()
+        mode = Mode.LAND if land else Mode.RETURN
+        with self._watch.commanding(mode):
+            self._vehicle.set_mode(mode)
 
     def _refused(self, error: VehicleError) -> None:
         self._refusals += 1
@@ -72,10 +74,9 @@ class Homecoming:
         time.sleep(_AGAIN_S)
 
     def _lost(self, text: str) -> EndedError:
-        if self._watch.handing_over or self._watch.paused.is_set():
-            why = "between two missions" if self._watch.handing_over else "paused"
+        if self._watch.paused.is_set():
             text += (
-                f" It was {why}: it stays where it is unless its failsafe for lost ground stations, or a "
+                " It was paused: it stays where it is unless its failsafe for lost ground stations, or a "
                 "pilot, acts."
             )
         text = f"Its landing was not seen: {text}"

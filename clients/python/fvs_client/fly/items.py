@@ -23,7 +23,7 @@ class Frame(IntEnum):
 
 
 class Command(IntEnum):
-    """``MAV_CMD``: those that a flight adds to missions of the service."""
+    """``MAV_CMD``: those that a flight adds to missions of the service, or knows in them."""
 
     WAYPOINT = 16
     LOITER_TIME = 19
@@ -63,6 +63,9 @@ class MissionItem:
         return tuple(round(0.0 if math.isnan(value) else value * factor) for value in (self.x, self.y))  # type: ignore[return-value]
 
 
+_RETURN = MissionItem(Command.RETURN_TO_LAUNCH, Frame.MISSION)
+
+
 def read_waypoints(text: str) -> list[MissionItem]:
     """The items of a file ``QGC WPL 110``, the first of which is home; raises ``VehicleError``."""
     lines = [line for line in text.splitlines() if line.strip()]
@@ -84,12 +87,39 @@ def read_waypoints(text: str) -> list[MissionItem]:
 def holding(items: Sequence[MissionItem], hold_s: float) -> list[MissionItem]:
     """The mission with ``hold_s`` seconds of waiting at its last waypoint, before it returns home.
 
-    In that time the next mission comes. If none does, the vehicle returns by itself.
+    In that time the next mission comes. If none does, the vehicle returns by itself. ArduPilot counts whole
+    seconds.
     """
     last = next((item for item in reversed(items) if item.command == Command.WAYPOINT), None)
     if last is None:
         raise VehicleError("The mission has no waypoint.")
-    wait = replace(last, command=Command.LOITER_TIME, parameters=(hold_s, 0.0, 0.0, last.parameters[3]))
-    home = MissionItem(Command.RETURN_TO_LAUNCH, Frame.MISSION)
+    wait = replace(
+        last, command=Command.LOITER_TIME, parameters=(float(round(hold_s)), 0.0, 0.0, last.parameters[3])
+    )
     ends = items[-1].command == Command.RETURN_TO_LAUNCH
-    return [*(items[:-1] if ends else items), wait, home]
+    return [*(items[:-1] if ends else items), wait, _RETURN]
+
+
+def after(
+    items: Sequence[MissionItem], last: Sequence[MissionItem], waits_at: int
+) -> tuple[list[MissionItem], int]:
+    """A mission for a vehicle that waits at item ``waits_at`` of its ``last``, and the number of its first.
+
+    ArduPilot replaces items one by one, and begins the item that it is at anew when that differs. So this
+    item and the return after it stay as they are, before or behind the new ones: a vehicle whose upload ends
+    halfway waits, and returns.
+    """
+    wait = [last[waits_at], _RETURN]
+    if len(items) <= waits_at:
+        return [*items, *[_RETURN] * (waits_at - len(items)), *wait], 1
+    return [items[0], *[_RETURN] * (waits_at - 1), *wait, *items[1:]], waits_at + 2
+
+
+def resumes_at(items: Sequence[MissionItem], number: int) -> int:
+    """The item at which a mission continues after a pause at item ``number``.
+
+    Leaving a mission turns the gimbal back: it turns to the next photograph again, if it did already.
+    """
+    taken = max((at for at in range(number) if items[at].command in PHOTOGRAPHS), default=0)
+    turns = (at for at in range(taken + 1, number) if items[at].command == Command.MOUNT_CONTROL)
+    return next(turns, number)

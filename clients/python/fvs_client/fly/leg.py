@@ -24,6 +24,8 @@ class Leg:
     views: tuple[Candidate, ...] = ()
     succeeded: list[Candidate] = field(default_factory=list)
     failed: list[Candidate] = field(default_factory=list)
+    first: int = 1
+    """The number of the item at which it begins, after home."""
 
     @property
     def count(self) -> int:
@@ -33,7 +35,11 @@ class Leg:
     @property
     def waits_at(self) -> int:
         """The number of the item at which the vehicle waits for its next mission."""
-        return next(number for number, item in enumerate(self.items) if item.command == Command.LOITER_TIME)
+        return next(
+            number
+            for number, item in enumerate(self.items)
+            if number >= self.first and item.command == Command.LOITER_TIME
+        )
 
     @property
     def left(self) -> tuple[Candidate, ...]:

@@ -11,9 +11,13 @@ from typing import Any
 
 from fvs_client.fly.errors import NoAnswerError, VehicleError
 
-_SYSTEM, _COMPONENT = 255, 191
-"""A ground station, and its component: an onboard computer, so that answers to other ground stations are not
-taken for ours."""
+_SYSTEM, _COMPONENT = 245, 191
+"""An onboard computer (``MAV_COMP_ID_ONBOARD_COMPUTER``) with an id that no ground station has: a failsafe
+for lost ground stations must not take its heartbeats for theirs."""
+_VERSION_2 = 0xFD
+"""The first byte of a message of MAVLink 2."""
+_VERSION_2_S = 3.0
+"""Autopilots that begin with MAVLink 1 have answered in MAVLink 2 by then."""
 _HEARTBEAT_S = 1.0
 _ANSWER_S = 3.0
 _TRIES = 4
@@ -21,7 +25,16 @@ _SILENCE_S = 20.0
 """A vehicle without a heartbeat for this long is lost."""
 _OTHERS_S = 1.2
 """Autopilots send a heartbeat every second: after this time all of them have been received."""
-_ADDRESSED = frozenset({"MISSION_REQUEST", "MISSION_REQUEST_INT", "MISSION_ACK", "COMMAND_ACK"})
+_ADDRESSED = frozenset(
+    {
+        "COMMAND_ACK",
+        "MISSION_ACK",
+        "MISSION_COUNT",
+        "MISSION_ITEM_INT",
+        "MISSION_REQUEST",
+        "MISSION_REQUEST_INT",
+    }
+)
 
 
 class Link:
@@ -34,7 +47,7 @@ class Link:
     """
 
     def __init__(self, url: str, *, baud: int, system: int | None, heard: Callable[[Any], None]) -> None:
-        mavutil = _mavutil()
+        self._mavutil = mavutil = _mavutil()
         try:
             self._link: Any = mavutil.mavlink_connection(
                 url,
@@ -42,7 +55,7 @@ class Link:
                 source_system=_SYSTEM,
                 source_component=_COMPONENT,
                 autoreconnect=True,
-                dialect="common",
+                dialect="ardupilotmega",  # it contains common
             )
         except ModuleNotFoundError as error:
             raise VehicleError(
@@ -62,9 +75,15 @@ class Link:
         self._target: tuple[int, int] | None = None
         self._heartbeats: dict[int, Any] = {}
         """The first heartbeat of each vehicle on the link."""
+        self._another = self._version_2 = False
+        """Whether another client has our id, and whether the vehicle speaks MAVLink 2."""
         self._closed = False
         self._reader = threading.Thread(target=self._read, name="mavlink", daemon=True)
         self._reader.start()
+
+    def mode_name(self, heartbeat: Any) -> str:
+        """The firmware's name of the mode in a heartbeat."""
+        return str(self._mavutil.mode_string_v10(heartbeat))
 
     def close(self) -> None:
         """End the connection; the vehicle continues what it does."""
@@ -79,7 +98,10 @@ class Link:
         return self._target or (0, 0)
 
     def find(self, timeout_s: float) -> Any:
-        """Wait for the vehicle, return its heartbeat; raises ``VehicleError`` where there are several."""
+        """Wait for the vehicle, return its heartbeat.
+
+        Raises ``VehicleError`` where there are several, or another client.
+        """
         until = time.monotonic() + timeout_s
         with self.changed:
             while self._wanted() is None:
@@ -87,21 +109,33 @@ class Link:
                 if left <= 0:
                     raise self._not_found(timeout_s)
                 self.changed.wait(left)
-            if self._system is None:
-                self.changed.wait_for(lambda: len(self._heartbeats) > 1, _OTHERS_S)
-                if len(self._heartbeats) > 1:
-                    systems = " and ".join(map(str, sorted(self._heartbeats)))
-                    raise VehicleError(
-                        f"The vehicles {systems} are on this link.", hint="Say which one to fly: --system N."
-                    )
+            self.changed.wait_for(lambda: self._another or self._ambiguous, _OTHERS_S)
+            if self._ambiguous:
+                systems = " and ".join(map(str, sorted(self._heartbeats)))
+                raise VehicleError(
+                    f"The vehicles {systems} are on this link.", hint="Say which one to fly: --system N."
+                )
+            if self._another:
+                raise VehicleError(
+                    "Another fvs-client is connected to this vehicle.",
+                    hint="End it: two programs that send missions would take the vehicle from each other.",
+                )
             found = self._wanted()
             assert found is not None, "a heartbeat stays"
             return found
 
     def listen_to(self, heartbeat: Any) -> None:
-        """Ignore all vehicles except the one that sent this heartbeat."""
+        """Ignore all vehicles except the one that sent this heartbeat.
+
+        Raises ``VehicleError`` when it does not speak MAVLink 2.
+        """
         with self.changed:
             self._target = (heartbeat.get_srcSystem(), heartbeat.get_srcComponent())
+            if not self.changed.wait_for(lambda: self._version_2, _VERSION_2_S):
+                raise VehicleError(
+                    "The vehicle speaks MAVLink 1, which has no messages of cameras.",
+                    hint="Set version 2 of this link: ArduPilot's SERIALn_PROTOCOL 2, PX4's MAV_PROTO_VER 2.",
+                )
 
     def require_heard(self) -> None:
         """Raise ``NoAnswerError`` after a silence of 20 s."""
@@ -162,6 +196,11 @@ class Link:
             hint="Check the link. The vehicle continues what it does.",
         )
 
+    @property
+    def _ambiguous(self) -> bool:
+        """Whether it is not said which of several vehicles is meant."""
+        return self._system is None and len(self._heartbeats) > 1
+
     def _wanted(self) -> Any:
         """The heartbeat of the vehicle; None as long as there is none."""
         if self._system is not None:
@@ -199,6 +238,9 @@ class Link:
     def _receive(self, message: Any) -> None:
         """Dispatch the vehicle's messages to us."""
         kind = message.get_type()
+        if (message.get_srcSystem(), message.get_srcComponent()) == (_SYSTEM, _COMPONENT):
+            self._another = True
+            return
         if self._target is None:
             if kind == "HEARTBEAT" and self._is_vehicle(message):
                 self._heard_s = time.monotonic()
@@ -206,6 +248,7 @@ class Link:
             return
         if message.get_srcSystem() != self._target[0]:
             return
+        self._version_2 |= message.get_msgbuf()[0] == _VERSION_2
         if kind == "HEARTBEAT":
             if message.get_srcComponent() != self._target[1]:  # its camera, its gimbal
                 return

@@ -46,7 +46,7 @@ class FlightSettings:
     generator: Generator | None = None
     candidates: tuple[Candidate, ...] | None = None
     radius_m: float | None = None
-    """Maximum distance of views from the vehicle."""
+    """Maximum distance of views from the vehicle in the air: the way from home may be longer."""
     leg_views: int = 1
     """Number of views that are photographed before the next update: more than one are planned together."""
     safety_m: float | None = None
@@ -65,6 +65,8 @@ class FlightSettings:
     """How long to wait for a vehicle that has fallen silent: it flies its mission meanwhile."""
     equipment: bool = True
     """Whether to require a camera, a gimbal and, for ``reserve``, a battery that the vehicle reports."""
+    take_over: bool = False
+    """Whether to fly a vehicle that somebody else has armed, or flies."""
     send_s: float = 60.0
     """How long photographs may still be sent after the landing."""
     iterations: int | None = None

@@ -26,7 +26,9 @@ def upload(link: Link, items: Sequence[MissionItem], offset: int) -> None:
     """Replace the mission of the vehicle on ``link``; errors count items from ``offset``.
 
     The autopilot asks for the items, in any order and as often as it likes. When it falls silent, or takes
-    ours for another upload, all is sent once more. Raises ``VehicleError`` and ``NoAnswerError``.
+    ours for another upload, all is sent once more. An error after the last item may be ArduPilot's answer to
+    one that was sent twice, because its acceptance was lost: reading back tells. Raises ``VehicleError`` and
+    ``NoAnswerError``.
     """
     accepted = link.mavlink.MAV_MISSION_ACCEPTED
     again = (link.mavlink.MAV_MISSION_ERROR, link.mavlink.MAV_MISSION_OPERATION_CANCELLED)
@@ -34,15 +36,19 @@ def upload(link: Link, items: Sequence[MissionItem], offset: int) -> None:
         result, asked = _upload(link, items)
     except NoAnswerError:
         result, asked = again[0], -1
-    if result in again:
+    if result in again and not _all_sent(link, result, asked, items):
         result, asked = _upload(link, items)
-    if result != accepted:
+    if result != accepted and not _all_sent(link, result, asked, items):
         entry = link.mavlink.enums["MAV_MISSION_RESULT"].get(result)
         name = entry.name if entry is not None else str(result)
         item = f", at item {asked + offset} (command {items[asked].command})" if asked >= 0 else ""
         raise VehicleError(
             f"The autopilot refuses the mission: {name}{item}.", hint=_HINTS.get(name, _OTHER_HINT)
         )
+
+
+def _all_sent(link: Link, result: int, asked: int, items: Sequence[MissionItem]) -> bool:
+    return bool(result == link.mavlink.MAV_MISSION_ERROR and asked == len(items) - 1)
 
 
 def _upload(link: Link, items: Sequence[MissionItem]) -> tuple[int, int]:

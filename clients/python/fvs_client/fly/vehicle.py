@@ -10,12 +10,17 @@ from typing import Any
 from fvs_client.fly.captures import Capture, Captures
 from fvs_client.fly.dialects import Dialect, Mode, dialect_of
 from fvs_client.fly.errors import NoAnswerError, VehicleError
+from fvs_client.fly.home import Home
 from fvs_client.fly.items import MissionItem
 from fvs_client.fly.link import Link
+from fvs_client.fly.read_back import require_same
 from fvs_client.fly.upload import upload
 
 __all__ = ["Capture", "Equipment", "Mode", "Vehicle", "VehicleState"]
 
+_FIX_3D = 3
+"""``GPS_FIX_TYPE_3D_FIX``."""
+_FIX_S = 300.0
 _CHANGE_S = 3.0
 _TRIES = 4
 _EQUIPMENT_S = 1.0
@@ -46,8 +51,12 @@ class VehicleState:
     mode: Mode = Mode.OTHER
     custom_mode: int = -1
     """The mode as the firmware numbers it."""
+    mode_name: str = ""
+    """The mode as the firmware names it."""
     item: int = 0
     """The number of the mission item that it is at, in the list that was uploaded, whose first is home."""
+    fix: int = 0
+    """The kind of its GPS fix, ``GPS_FIX_TYPE``; 0 when it reports none."""
 
     @property
     def located(self) -> bool:
@@ -59,16 +68,23 @@ class Vehicle:
     """A connection to one vehicle. All methods may be called from any thread.
 
     ``url`` is pymavlink's: ``tcp:127.0.0.1:5760``, ``udpin:0.0.0.0:14550``, ``/dev/ttyUSB0``. ``system`` is
-    the MAVLink id of the vehicle, if there are several on the link. Raises ``VehicleError`` without
-    pymavlink, for several vehicles and for one that is no copter of ArduPilot or PX4, and ``NoAnswerError``
-    when none answers.
+    the MAVLink id of the vehicle, if there are several on the link. Waits until the vehicle has a GPS fix and
+    a home; ``say`` gets what is waited for. Raises ``VehicleError`` without pymavlink, for several vehicles,
+    for one that is no copter of ArduPilot or PX4 or gets no fix, and ``NoAnswerError`` when none answers.
     """
 
     def __init__(
-        self, url: str, *, system: int | None = None, baud: int = 57_600, timeout_s: float = 30.0
+        self,
+        url: str,
+        *,
+        system: int | None = None,
+        baud: int = 57_600,
+        timeout_s: float = 30.0,
+        say: Callable[[str], None] = lambda _line: None,
     ) -> None:
         self._state = VehicleState()
-        self._texts: deque[str] = deque(maxlen=100)
+        self._home: Home | None = None
+        self._texts: deque[tuple[float, str]] = deque(maxlen=100)
         self._received: dict[str, Any] = {}
         self._captures = Captures(self._ask_for_photograph)
         self._link = Link(url, baud=baud, system=system, heard=self._receive)
@@ -81,9 +97,7 @@ class Vehicle:
             self._link.listen_to(heartbeat)
             streams = (self._mavlink.MAV_DATA_STREAM_ALL, 4, 1)
             self._link.send("request_data_stream_send", *self._link.target, *streams)
-            self._link.wait(
-                lambda: self._state.located, timeout_s, "does not say where it is: has it a GPS fix?"
-            )
+            self._wait_for_position(say)
         except BaseException:
             self.close()
             raise
@@ -112,9 +126,22 @@ class Vehicle:
             return self._state
 
     @property
-    def texts(self) -> tuple[str, ...]:
-        """Its last messages for people."""
-        return tuple(self._texts)
+    def home(self) -> Home:
+        """Its home as it reported it last."""
+        with self._link.changed:
+            assert self._home is not None, "it is waited for at the beginning"
+            return self._home
+
+    def read_home(self) -> Home:
+        """Request home again: arming sets it."""
+        self._asked(self._mavlink.MAVLINK_MSG_ID_HOME_POSITION, "HOME_POSITION")
+        return self.home
+
+    def said(self, seconds: float) -> list[str]:
+        """Its messages for people of the last ``seconds``, the oldest first."""
+        since_s = time.monotonic() - seconds
+        with self._link.changed:
+            return [text for at_s, text in self._texts if at_s >= since_s]
 
     def captures(self) -> list[Capture]:
         """The photographs that the camera has reported since the last call."""
@@ -154,53 +181,68 @@ class Vehicle:
         self._link.wait(condition, timeout_s, what)
 
     def upload(self, items: Sequence[MissionItem]) -> None:
-        """Replace the vehicle's mission; the first item is home.
+        """Replace the vehicle's mission and read it back; the first item is home.
 
-        Raises ``VehicleError`` when the autopilot refuses it, naming the item, and ``NoAnswerError``. Then
-        it has either the mission before or none.
+        Raises ``VehicleError`` when the autopilot refuses it, naming the item, or has another one afterwards,
+        and ``NoAnswerError``.
         """
         upload(self._link, items[self._not_sent :], self._not_sent)
+        if not self.dialect.replaces_items:  # it is at another item now
+            self._forget_item()
+        require_same(self._link, items[self._not_sent :], self._not_sent, self.dialect)
 
-    def fly(self) -> None:
-        """Arm if needed, and fly the mission from its beginning."""
+    def arm(self) -> None:
+        """Start the motors, on the ground."""
+        self.set_mode(Mode.HOLD)
         if not self.state.armed:
-            self.set_mode(Mode.HOLD)
+            began_s = time.monotonic()
             self.command(self._mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
-            self.wait(lambda: self._state.armed, 10.0, "does not arm" + self._last_message())
-        self._link.send("mission_set_current_send", *self._link.target, 0)
-        try:
-            self.command(self._mavlink.MAV_CMD_MISSION_START)  # it changes the mode, and begins
-        except NoAnswerError:
-            if self.state.mode is not Mode.MISSION:  # else only the answer was lost
-                raise
-        self.wait(
-            lambda: self._state.mode is not Mode.HOLD,
-            10.0,
-            "does not begin its mission" + self._last_message(),
-        )
+            self.wait(lambda: self._state.armed, 10.0, "does not arm" + self._said_since(began_s))
+
+    def disarm(self) -> None:
+        """Stop the motors, on the ground."""
+        self.command(self._mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 0.0)
+        self.wait(lambda: not self._state.armed, 10.0, "does not disarm")
+
+    def begin(self, first: int, last: int) -> None:
+        """Fly the mission from item ``first``, and wait until it is at an item from there to ``last``.
+
+        A vehicle in the mode of missions stays in it. Returns also when it changes to another mode by itself.
+        """
+        began_s = time.monotonic()
+        self._forget_item()
+        for _ in range(_TRIES):
+            self._go_to(first)
+            if self._state.mode in (Mode.HOLD, Mode.PAUSE):
+                try:
+                    self.command(self._mavlink.MAV_CMD_MISSION_START)  # it changes the mode, and begins
+                except NoAnswerError:
+                    if self.state.mode is not Mode.MISSION:  # else only the answer was lost
+                        raise
+            with self._link.changed:
+                if self._link.changed.wait_for(lambda: self._flies(first, last), _CHANGE_S):
+                    return
+        raise VehicleError(f"The vehicle does not begin its mission{self._said_since(began_s)}.")
 
     def pause(self) -> None:
         """Stop where it is; ``resume`` continues the mission."""
         self.set_mode(Mode.PAUSE)
 
-    def resume(self) -> None:
-        """Continue the mission after a pause."""
+    def resume(self, item: int) -> None:
+        """Continue the mission after a pause, from an item.
+
+        It is sent in the pause, and again in the mission: ArduPilot's ``MIS_RESTART`` would begin anew.
+        """
+        self._go_to(item)
         self.set_mode(Mode.MISSION)
-
-    def hold(self) -> None:
-        """Stay where it is, to get another mission."""
-        self.set_mode(Mode.HOLD)
-
-    def return_home(self) -> None:
-        """Fly home and land."""
-        self.set_mode(Mode.RETURN)
+        self._go_to(item)
 
     def set_mode(self, mode: Mode) -> None:
         """Change the flight mode and wait until the vehicle reports it.
 
         Raises ``VehicleError`` when it does not change, or changes to another: somebody else has taken over.
         """
-        before = self.last_state.custom_mode
+        before, began_s = self.last_state.custom_mode, time.monotonic()
         numbers = (self._mavlink.MAV_MODE_FLAG_CUSTOM_MODE_ENABLED, *self.dialect.modes[mode])
         wanted = self.dialect.custom_mode(mode)
         for _ in range(_TRIES):
@@ -214,12 +256,13 @@ class Vehicle:
                 if self._state.custom_mode == wanted:
                     return
         raise VehicleError(
-            f"The vehicle does not change to {mode.name}{self._last_message()}.",
+            f"The vehicle does not change to {mode.name}{self._said_since(began_s)}.",
             hint="A pilot's remote control, or a check before arming, may forbid it.",
         )
 
     def command(self, number: int, *parameters: float) -> None:
         """Send a command and wait until it is accepted; raises ``VehicleError`` when it is refused."""
+        began_s = time.monotonic()
         given = (*parameters, *(0.0,) * (7 - len(parameters)))
         self._link.forget_answers()
         answer = self._link.ask(
@@ -234,7 +277,7 @@ class Vehicle:
         ):
             result, name = self._name("MAV_RESULT", answer.result), self._name("MAV_CMD", number)
             raise VehicleError(
-                f"The autopilot answers {name} with {result}{self._last_message()}.",
+                f"The autopilot answers {name} with {result}{self._said_since(began_s)}.",
                 hint="Look at its messages in a ground station: checks before arming, its mode, its fence.",
             )
 
@@ -242,6 +285,51 @@ class Vehicle:
     def _not_sent(self) -> int:
         """Number of items of a mission, home first, that are not sent to the autopilot."""
         return 0 if self.dialect.home_is_first else 1
+
+    def _flies(self, first: int, last: int) -> bool:
+        """Whether it is at one of these items, or in a mode that nobody commanded here."""
+        mode = self._state.mode
+        if mode is Mode.MISSION:
+            return first <= self._state.item <= last
+        return mode not in (Mode.HOLD, Mode.PAUSE)
+
+    def _forget_item(self) -> None:
+        """Count only what it reports from now on."""
+        with self._link.changed:
+            self._state = replace(self._state, item=-1)
+
+    def _go_to(self, item: int) -> None:
+        """Make an item the current one, without waiting."""
+        self._link.send("mission_set_current_send", *self._link.target, item - self._not_sent)
+
+    def _wait_for_position(self, say: Callable[[str], None]) -> None:
+        """Wait for a GPS fix, a position and a home."""
+        until, said = time.monotonic() + _FIX_S, ""
+        while missing := self._missing():
+            if missing != said:
+                said = missing
+                say(f"The vehicle {missing}: waiting for it.")
+            if time.monotonic() > until:
+                raise VehicleError(
+                    f"The vehicle {missing}.", hint="Look at its GPS in a ground station: is the sky open?"
+                )
+            self._link.require_heard()
+            self._request(self._mavlink.MAVLINK_MSG_ID_HOME_POSITION)
+            with self._link.changed:
+                self._link.changed.wait_for(lambda: not self._missing(), 1.0)
+
+    @property
+    def _placed(self) -> bool:
+        """Whether it has, or had, a GPS fix: ArduPilot sends zeros before."""
+        return self._state.located or self._state.fix >= _FIX_3D
+
+    def _missing(self) -> str:
+        """What is missing to know where it is."""
+        if self._state.fix < _FIX_3D:
+            return f"has no GPS fix yet (GPS_RAW_INT: fix_type {self._state.fix})"
+        if not self._state.located:
+            return "has no position yet (GLOBAL_POSITION_INT)"
+        return "" if self._home is not None else "has no home yet (HOME_POSITION)"
 
     def _request(self, message: int, number: int = 0) -> None:
         """Request a message from all components of the vehicle, without waiting."""
@@ -270,8 +358,9 @@ class Vehicle:
     def _ask_for_photograph(self, number: int) -> None:
         self._request(self._mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED, number)
 
-    def _last_message(self) -> str:
-        return f" (it says: {self._texts[-1]})" if self._texts else ""
+    def _said_since(self, began_s: float) -> str:
+        texts = self.said(time.monotonic() - began_s)
+        return f" (it says: {'; '.join(texts[-3:])})" if texts else ""
 
     def _name(self, enum: str, value: int) -> str:
         entry = self._mavlink.enums[enum].get(value)
@@ -285,8 +374,11 @@ class Vehicle:
                     armed=bool(message.base_mode & self._mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
                     mode=self.dialect.mode_of(message.custom_mode),
                     custom_mode=message.custom_mode,
+                    mode_name=self._link.mode_name(message),
                 )
-            case "GLOBAL_POSITION_INT":
+            case "GPS_RAW_INT":
+                self._state = replace(self._state, fix=message.fix_type)
+            case "GLOBAL_POSITION_INT" if self._placed and (message.lat or message.lon):
                 yaw = math.nan if message.hdg == 65535 else message.hdg / 100.0
                 self._state = replace(
                     self._state,
@@ -306,7 +398,12 @@ class Vehicle:
             case "CAMERA_CAPTURE_STATUS":
                 self._captures.are(message.image_count, message.time_boot_ms)
             case "STATUSTEXT":
-                self._texts.append(message.text)
+                self._texts.append((time.monotonic(), message.text))
+            case "HOME_POSITION":
+                if message.latitude or message.longitude:
+                    place = message.latitude / 1e7, message.longitude / 1e7
+                    self._home = Home(*place, message.altitude / 1e3)
+                    self._received[message.get_type()] = message
             case "PARAM_VALUE":
                 self._received[message.param_id] = message
             case "CAMERA_INFORMATION" | "GIMBAL_MANAGER_INFORMATION":

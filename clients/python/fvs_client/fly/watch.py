@@ -1,14 +1,18 @@
-"""Supervision of a flight: whether the vehicle may continue, is silent, or must return."""
+"""Supervision of a flight: who commands the vehicle, whether it may continue, is silent, or must return."""
 
 import math
+import re
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from enum import Enum, auto
 from typing import TypeVar
 
 from fvs_client import FvsError, NoSnapshotError
 from fvs_client.fly.dialects import Mode
 from fvs_client.fly.errors import NoAnswerError, VehicleError
+from fvs_client.fly.items import Command, MissionItem
 from fvs_client.fly.log import FlightLog
 from fvs_client.fly.settings import EndedError, Ending, FlightSettings
 from fvs_client.fly.vehicle import Vehicle, VehicleState
@@ -17,9 +21,27 @@ T = TypeVar("T")
 
 POLL_S = 0.1
 _RETRY_S = 2.0
-RETURNING = (Mode.RETURN, Mode.LAND)
-_OURS = (Mode.HOLD, Mode.PAUSE)
-"""Modes that a flight changes to between missions, and for a pause."""
+_RETURNING = (Mode.RETURN, Mode.LAND)
+_FAILSAFE = re.compile(
+    r"failsafe|breach|battery.*(low|critical|empty)|variance|glitch|dead reckoning|crash|\blost\b",
+    re.IGNORECASE,
+)
+"""Texts of ArduCopter and PX4 that say why they change the mode by themselves."""
+_FAILSAFE_S = 10.0
+_HOME_M = 2.0
+_IN_THE_AIR_M = 1.0
+
+
+class Control(Enum):
+    """Who commands the vehicle."""
+
+    OURS = auto()
+    """It is in a mode that this flight has commanded."""
+    RETURNING = auto()
+    """It returns or lands, whoever has commanded it: it gets no command."""
+    LANDED = auto()
+    OTHERS = auto()
+    """It is in another mode: a pilot, a ground station or a failsafe has taken over. It gets no command."""
 
 
 class Watch:
@@ -32,12 +54,45 @@ class Watch:
         self.starting = False
         """Whether it was commanded to arm and fly; it may fly even if the acknowledgement was lost."""
         self.airborne = False
-        self.handing_over = False
-        """Whether the vehicle gets its next mission now: it holds, and has none that ends at home."""
+        self.items: Sequence[MissionItem] = ()
+        """Its mission."""
         self.deadline_s = math.inf
         """When the vehicle begins to return by itself, on the monotonic clock; infinite on its way."""
         self.lost = False
         """Whether the vehicle was silent for too long."""
+        self._commanded: frozenset[Mode] = frozenset()
+        self._home = vehicle.home
+
+    def control(self, state: VehicleState) -> Control:
+        """Who commands the vehicle. A return that is an item of a mission leaves ArduPilot in AUTO."""
+        if not state.armed:
+            return Control.LANDED
+        if state.mode in _RETURNING or (state.mode is Mode.MISSION and self._has_waited(state)):
+            return Control.RETURNING
+        return Control.OURS if state.mode in self._commanded else Control.OTHERS
+
+    @contextmanager
+    def commanding(self, mode: Mode) -> Iterator[None]:
+        """Expect this mode from now on; until the command has succeeded, the mode before as well."""
+        self._commanded |= {mode}
+        yield
+        self._commanded = frozenset({mode})
+
+    def release(self) -> None:
+        """Command nothing any more, whatever the mode becomes."""
+        self._commanded = frozenset()
+
+    def flies(self) -> None:
+        """The vehicle flies its mission."""
+        self.airborne, self.deadline_s = True, math.inf
+
+    def take_over(self) -> None:
+        """Stop a vehicle that flies already, which the operator has allowed."""
+        state = self.here()
+        if state.armed and state.height_m > _IN_THE_AIR_M:
+            with self.commanding(Mode.PAUSE):
+                self._vehicle.pause()
+            self.airborne = True
 
     def here(self) -> VehicleState:
         """The vehicle's state. Waits for one that is silent; raises ``NoAnswerError`` when it stays so."""
@@ -63,32 +118,51 @@ class Watch:
             raise
 
     def require_going_on(self) -> VehicleState:
-        """The vehicle's state; raises ``EndedError`` when it must return, or does."""
-        paused = self.paused.is_set()
+        """The vehicle's state; raises ``EndedError`` when it must return, does, or is not ours."""
         state = self.here()
-        paused |= self.paused.is_set()  # it may have been paused while it was silent
+        self._notice_home(state)
         if self.asked_home.is_set():
             raise EndedError(Ending.STOPPED, "it was asked to return home.")
-        if not self.airborne:
+        if not (self.airborne or self.starting):
+            if state.armed and not self._settings.take_over:
+                raise EndedError(
+                    Ending.PILOT,
+                    f"the vehicle is armed, in {state.mode_name}: somebody else flies it. It is left alone; "
+                    "--take-over flies it.",
+                )
             return state
+        if not (self.airborne or state.armed):
+            return state
+        control = self.control(state)
+        if control is not Control.OURS:
+            raise EndedError(
+                Ending.PILOT if control is Control.OTHERS else Ending.VEHICLE, self.why(control, state)
+            )
         if state.battery is not None and state.battery <= self._settings.reserve:
             raise EndedError(Ending.BATTERY, f"the battery is at {state.battery:.0%}.")
-        if state.mode in RETURNING:
-            text = f"the vehicle returns by itself{self._last_message()}"
-            if math.isfinite(self.deadline_s):
-                text += f": it waited {self._settings.patience_s:.0f} s for its next view (--patience)"
-            raise EndedError(Ending.VEHICLE, f"{text}.")
-        if not state.armed:
-            raise EndedError(Ending.VEHICLE, f"the vehicle has landed{self._last_message()}.")
-        if not (state.mode is Mode.MISSION or (state.mode in _OURS and (paused or self.handing_over))):
-            raise EndedError(
-                Ending.PILOT,
-                f"a pilot or another ground station has taken over{self._last_message()}: "
-                "the vehicle's mode is not changed any more.",
-            )
-        if paused:
+        if self.paused.is_set():
             self.deadline_s = max(self.deadline_s, time.monotonic() + self._settings.patience_s)
         return state
+
+    def require_in_time(self) -> None:
+        """Raise ``EndedError`` when the vehicle has waited for its next mission as long as it may."""
+        if time.monotonic() > self.deadline_s:
+            waited = f"the vehicle waited {self._settings.patience_s:.0f} s (--patience)"
+            raise EndedError(Ending.SERVICE, f"the model was not updated in time: {waited}.")
+
+    def why(self, control: Control, state: VehicleState) -> str:
+        """Why a vehicle is not ours: its mode, and who may have commanded it."""
+        texts = [text for text in self._vehicle.said(_FAILSAFE_S) if _FAILSAFE.search(text)]
+        failsafe = f"its failsafe (it says: {texts[-1]})" if texts else ""
+        if control is Control.LANDED:
+            return "the vehicle has landed" + (f", by {failsafe}." if failsafe else ".")
+        if control is Control.RETURNING and self._has_waited(state) and not failsafe:
+            waited = f"it waited {self._settings.patience_s:.0f} s for its next view (--patience)"
+            return f"the vehicle returns by itself: {waited}."
+        who = failsafe or "a pilot or another ground station"
+        if control is Control.RETURNING:
+            return f"the vehicle is in {state.mode_name}, commanded by {who}."
+        return f"{who} has taken over, in {state.mode_name}: the vehicle's mode is not changed any more."
 
     def wait_while_paused(self) -> None:
         """Wait for the end of a pause; raises ``EndedError`` when the vehicle must return, or does."""
@@ -118,5 +192,18 @@ class Watch:
                     reason = f"the service is away: {error.message}"
                     raise EndedError(Ending.SERVICE, reason) from error
 
-    def _last_message(self) -> str:
-        return f" (it says: {texts[-1]})" if (texts := self._vehicle.texts) else ""
+    def _has_waited(self, state: VehicleState) -> bool:
+        """Whether no mission has come in time: it is at the return of its last."""
+        if not self.items or state.item < 0:
+            return False
+        return state.item >= len(self.items) or self.items[state.item].command == Command.RETURN_TO_LAUNCH
+
+    def _notice_home(self, state: VehicleState) -> None:
+        """Report a home that has moved: the vehicle returns there, and heights are measured from it."""
+        home = self._vehicle.home
+        moved_m = self._home.moved_m(home)
+        if moved_m > _HOME_M:
+            up_m = home.altitude_m - self._home.altitude_m
+            text = f"Home has moved by {moved_m:.0f} m ({up_m:+.0f} m in height): the vehicle returns there."
+            self._log.event("home", text, state, **vars(home))
+            self._home = home
