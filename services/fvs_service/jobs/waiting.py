@@ -82,7 +82,8 @@ def _eta_s(
     place: Place, order: Order, workers: Workers, usual_s: Mapping[JobKind, float | None]
 ) -> float | None:
     """The time until the turn: jobs that run now or go first take at most a turn each, on all workers."""
-    if workers.slots_with_room == 0 or place.obstacle in (WaitReason.CLUSTER, WaitReason.NO_NODE):
+    obstacle = place.obstacle or place.job.obstacle
+    if workers.slots_with_room == 0 or obstacle in (WaitReason.CLUSTER, WaitReason.NO_NODE):
         return None
     turn_s = order.turn_ms / 1000
     total_s = 0.0

@@ -148,6 +148,7 @@ def test_a_job_that_lacked_something_in_its_last_turn_says_so_until_the_next() -
     (place,) = order.line
     waiting = why_it_waits(place, order, Workers(1, 2, 2), {JobKind.UPDATE: 10.0})
     assert waiting.reason is WaitReason.CLUSTER
+    assert waiting.eta_s is None
 
 
 @pytest.mark.parametrize(
