@@ -1,10 +1,11 @@
 """Photographs of a flight in a folder that has those of earlier flights."""
 
+import time
 from collections.abc import Callable
 from pathlib import Path
 
 from fvs_client.fly.photographs import Photographs
-from fvs_client.spool import Outbox, Settings
+from fvs_client.spool import Outbox, Refusal, Settings, State
 from fvs_client.spool.folder import find_file
 from fvs_client.spool.outbox import FILE_NAME
 from fvs_client.spool.taking import take
@@ -40,3 +41,29 @@ def test_photographs_of_earlier_flights_are_not_waited_for(
             _acknowledge(outbox, "of-this-flight.jpg")
             assert photographs.wait(1, 30.0)
             assert photographs.left == 0
+
+
+def test_the_test_photograph_is_not_sent_and_belongs_to_no_view(
+    tmp_path: Path, photograph: Callable[..., bytes]
+) -> None:
+    said: list[str] = []
+    quick = Settings(settle_s=0.05, look_every_s=0.05)
+    with Photographs(
+        tmp_path, SCENE, url="http://127.0.0.1:9", api_key=None, say=said.append, settings=quick
+    ) as photographs:
+        assert photographs.test(lambda: None, 0.2) is None
+        name = photographs.test(lambda: (tmp_path / "test.jpg").write_bytes(photograph(1)) and None, 30.0)
+        assert name == "test.jpg"
+        (tmp_path / "view.jpg").write_bytes(photograph(2))
+        arrived = []
+        until = time.monotonic() + 30.0
+        while not arrived and time.monotonic() < until:
+            arrived = photographs.arrived()
+        assert [(one.file, one.succeeded) for one in arrived] == [("view.jpg", True)]
+        assert photographs.arrived() == []
+        with Outbox(tmp_path / FILE_NAME) as outbox:
+            (number,) = [one.number for one in outbox.all() if one.name == "view.jpg"]
+            outbox.refuse(number, Refusal("not-an-image", "It is no image."))
+            assert [one.state for one in outbox.all()] == [State.REFUSED] * 2
+        assert [(one.file, one.succeeded) for one in photographs.arrived()] == [("view.jpg", False)]
+    assert any("test.jpg is not sent. It is the test photograph" in line for line in said)

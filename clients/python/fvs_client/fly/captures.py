@@ -1,38 +1,74 @@
-"""Photographs as a camera reports them: each once, and those whose report was lost, too."""
+"""Photographs as cameras and autopilots report them: each once, and those whose report was lost, too."""
 
+import math
 from collections.abc import Callable
-from dataclasses import dataclass
-from typing import Any
+from dataclasses import dataclass, field
+from typing import Any, NamedTuple
 
 _MOST_MISSING = 100
 """Maximum number of reports that are requested at once."""
+_VIDEO = 1
+"""``CAMERA_FEEDBACK_VIDEO``."""
+
+
+class Source(NamedTuple):
+    """Who reports photographs, and numbers them by itself: a message of a camera of a component."""
+
+    message: str
+    component: int = 0
+    camera: int = 0
+
+    @property
+    def is_folder(self) -> bool:
+        """Whether it is the folder that files come into."""
+        return self == FOLDER
+
+
+FOLDER = Source("file")
 
 
 @dataclass(frozen=True)
 class Capture:
-    """A photograph that the camera has reported; ``file`` is its name, empty when the camera reports none."""
+    """A photograph that was reported; ``file`` is its name, empty where the source knows none."""
 
     number: int
+    """Counts the photographs of the ``source``."""
     succeeded: bool
     file: str
     place: tuple[float, float] | None = None
-    """Latitude and longitude in degrees; None when the camera does not know."""
-    altitude_m: float = 0.0
-    height_m: float = 0.0
+    """Latitude and longitude in degrees; None when the source does not know."""
+    altitude_m: float = math.nan
+    height_m: float = math.nan
+    """Above home."""
+    source: Source = FOLDER
+    time_s: float | None = None
+    """When it was taken, on a clock of the source; None when the source does not know."""
+
+
+@dataclass
+class _Numbers:
+    """The numbers of one camera's ``CAMERA_IMAGE_CAPTURED``."""
+
+    next: int | None = None
+    """The number of the next photograph; None as long as it is not known."""
+    since_ms: int = 0
+    """The camera's clock at the beginning: it may report earlier photographs, but they are not ours."""
+    asked: set[int] = field(default_factory=set)
 
 
 class Captures:
-    """Collects reports. Cameras number photographs from 0: where numbers are left out, ``ask`` gets those."""
+    """Collects reports of all sources. Where numbers are left out that can be requested, ``ask`` gets those.
+
+    Cameras number ``CAMERA_IMAGE_CAPTURED`` from 0 and repeat it on request; autopilots number
+    ``CAMERA_FEEDBACK`` from 1 and do not.
+    """
 
     def __init__(self, ask: Callable[[int], None]) -> None:
         self._ask = ask
         self._new: list[Capture] = []
-        self._seen: set[tuple[int, int]] = set()
-        self._next: int | None = None
-        """The number of the next photograph; None as long as it is not known."""
-        self._since_ms = 0
-        """The camera's clock at the beginning: it may report earlier photographs, but they are not ours."""
-        self._asked: set[int] = set()
+        self._seen: set[tuple[Source, int, int]] = set()
+        self._numbers: dict[int, _Numbers] = {}
+        """Those of each component."""
 
     def take(self) -> list[Capture]:
         """The photographs reported since the last call."""
@@ -41,36 +77,76 @@ class Captures:
 
     def add(self, message: Any) -> None:
         """Record a ``CAMERA_IMAGE_CAPTURED``; duplicates are ignored."""
+        source = Source("image", message.get_srcComponent(), message.camera_id)
+        numbers = self._of(source.component)
         number = message.image_index
-        key = (number, message.time_boot_ms)
-        if key in self._seen:
+        if self._is_known(source, number, message.time_boot_ms):
             return
-        self._seen.add(key)
-        if number in self._asked and message.time_boot_ms < self._since_ms:
+        if number in numbers.asked and message.time_boot_ms < numbers.since_ms:
             return
         url = message.file_url
         text = url.decode(errors="replace") if isinstance(url, bytes) else url
-        located = message.lat != 0 or message.lon != 0
-        place = (message.lat / 1e7, message.lon / 1e7) if located else None
-        heights = (message.alt / 1e3, message.relative_alt / 1e3)
-        name = text.rstrip("\0").rpartition("/")[2]
-        self._new.append(Capture(number, message.capture_result == 1, name, place, *heights))
-        if self._next is None or number >= self._next:
-            self._ask_before(number)
-            self._next = number + 1
+        self._new.append(
+            Capture(
+                number,
+                message.capture_result == 1,
+                text.rstrip("\0").rpartition("/")[2],
+                _place(message.lat, message.lon),
+                message.alt / 1e3,
+                message.relative_alt / 1e3,
+                source,
+                message.time_boot_ms / 1e3,
+            )
+        )
+        if numbers.next is None or number >= numbers.next:
+            self._ask_before(numbers, number)
+            numbers.next = number + 1
 
-    def are(self, count: int, time_ms: int) -> None:
-        """Record the number of all photographs and the time of a ``CAMERA_CAPTURE_STATUS``."""
-        if self._next is None or count < self._next:  # the first time, or the camera was switched on again
-            self._next, self._since_ms = count, time_ms
-            self._asked.clear()
-        else:
-            self._ask_before(count)
-
-    def _ask_before(self, end: int) -> None:
-        """Request the missing reports before number ``end``."""
-        if self._next is None:
+    def add_feedback(self, message: Any) -> None:
+        """Record a ``CAMERA_FEEDBACK``, which says that the autopilot triggered; duplicates are ignored."""
+        source = Source("feedback", message.get_srcComponent(), message.cam_idx)
+        if message.flags == _VIDEO or self._is_known(source, message.img_idx, message.time_usec):
             return
-        for number in range(self._next, min(end, self._next + _MOST_MISSING)):
-            self._asked.add(number)
+        self._new.append(
+            Capture(
+                message.img_idx,
+                True,
+                "",
+                _place(message.lat, message.lng),
+                message.alt_msl,
+                message.alt_rel,
+                source,
+                message.time_usec / 1e6,
+            )
+        )
+
+    def are(self, component: int, count: int, time_ms: int) -> None:
+        """Record the number of all photographs and the time of a ``CAMERA_CAPTURE_STATUS``."""
+        numbers = self._of(component)
+        if numbers.next is None or count < numbers.next:  # the first time, or it was switched on again
+            self._numbers[component] = _Numbers(count, time_ms)
+        else:
+            self._ask_before(numbers, count)
+
+    def _of(self, component: int) -> _Numbers:
+        return self._numbers.setdefault(component, _Numbers())
+
+    def _is_known(self, source: Source, number: int, time: int) -> bool:
+        """Whether this report came before."""
+        key = (source, number, time)
+        known = key in self._seen
+        self._seen.add(key)
+        return known
+
+    def _ask_before(self, numbers: _Numbers, end: int) -> None:
+        """Request the missing reports before number ``end``."""
+        if numbers.next is None:
+            return
+        for number in range(numbers.next, min(end, numbers.next + _MOST_MISSING)):
+            numbers.asked.add(number)
             self._ask(number)
+
+
+def _place(latitude: int, longitude: int) -> tuple[float, float] | None:
+    """A position in degrees, from degrees times 1e7; None for zeros, where it is not known."""
+    return None if latitude == longitude == 0 else (latitude / 1e7, longitude / 1e7)

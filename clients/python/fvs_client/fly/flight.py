@@ -9,9 +9,9 @@ import contextlib
 import math
 import threading
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
-from fvs_client import ConflictError, FvsError, Job, Scene, VisitState
+from fvs_client import Candidate, ConflictError, FvsError, Job, Scene, VisitState
 from fvs_client.fly.checks import require_battery, require_equipment, warn_of_failsafe
 from fvs_client.fly.choice import Choice
 from fvs_client.fly.dialects import Mode
@@ -22,12 +22,13 @@ from fvs_client.fly.homecoming import Homecoming
 from fvs_client.fly.items import after, holding, resumes_at
 from fvs_client.fly.leg import Leg
 from fvs_client.fly.log import FlightLog
+from fvs_client.fly.matching import Shot, shot_of
 from fvs_client.fly.photographs import Photographs
 from fvs_client.fly.settings import EndedError, Ending, FlightResult, FlightSettings
 from fvs_client.fly.start import HomeMovedError, require_home, require_near
 from fvs_client.fly.survey import Survey
 from fvs_client.fly.survey_limits import require_within_limits
-from fvs_client.fly.vehicle import Capture, Vehicle, VehicleState
+from fvs_client.fly.vehicle import Vehicle, VehicleState
 from fvs_client.fly.watch import POLL_S, Control, Watch
 
 __all__ = ["Ending", "Flight", "FlightResult", "FlightSettings"]
@@ -60,7 +61,11 @@ class Flight:
         self._leg = Leg([])
         """What is flown, or was last."""
         self._next_track_s = 0.0
-        self._taken = self._failed = self._failed_in_row = 0
+        self._failed_in_row = 0
+        self._shots: list[Shot] = []
+        """The triggers of all legs, in their order."""
+        self._late: list[Candidate] = []
+        """The views whose photographs came after they were reported as failed."""
 
     def return_home(self) -> None:
         """End the flight: the vehicle returns home now."""
@@ -129,8 +134,31 @@ class Flight:
                 ending, reason = ended.ending, f"{reason} {ended.reason}"
         if failure is not None:
             raise failure
-        self._photographs.wait(self._taken, self._settings.send_s)
+        self._wait_for_files()
         return FlightResult(ending, reason, self._taken, self._failed, self._photographs.left)
+
+    def _wait_for_files(self) -> None:
+        """Wait until the photographs that were reported have come and are sent."""
+        until_s = time.monotonic() + self._settings.send_s
+        state = self._vehicle.last_state
+        reported = [shot for shot in self._shots if shot.reported]
+        self._collect(state)
+        while any(not (shot.arrived or shot.failed) for shot in reported) and time.monotonic() < until_s:
+            time.sleep(POLL_S)
+            self._collect(state)
+        self._close(reported, state)
+        with contextlib.suppress(FvsError):
+            self._choice.report(VisitState.TAKEN, self._late)
+        self._photographs.wait(self._taken, max(0.0, until_s - time.monotonic()))
+
+    @property
+    def _taken(self) -> int:
+        """Number of photographs that have arrived."""
+        return sum(shot.arrived for shot in self._shots)
+
+    @property
+    def _failed(self) -> int:
+        return sum(shot.failed for shot in self._shots)
 
     def _check(self) -> None:
         """Raise ``VehicleError`` for a vehicle without the required equipment; warn of risks."""
@@ -216,8 +244,9 @@ class Flight:
             raise EndedError(Ending.CAMERA, f"the camera failed {self._failed_in_row} times in a row.")
 
     def _report(self, leg: Leg) -> None:
-        self._choice.report(VisitState.TAKEN, leg.succeeded)
-        self._choice.report(VisitState.FAILED, [*leg.failed, *leg.left])
+        self._choice.report(VisitState.TAKEN, [*leg.succeeded, *self._late])
+        self._late.clear()
+        self._choice.report(VisitState.FAILED, leg.left)
 
     def _fly(self, make: Callable[[], Leg]) -> Leg:
         """Fly what ``make`` returns, unless the flight is paused, and wait for its photographs.
@@ -228,7 +257,7 @@ class Flight:
             home, last = self._vehicle.home, self._leg
             leg = make()
             if self._watch.airborne and self._watch.items and self._vehicle.dialect.replaces_items:
-                leg.items, leg.first = after(leg.items, last.items, last.waits_at)
+                leg.put(*after(leg.items, last.items, last.waits_at))
             try:
                 self._start(leg, home)
                 self._leg = leg
@@ -264,7 +293,7 @@ class Flight:
             if watch.paused.is_set():
                 return False
             require_near(leg.items, state, home, self._settings.mission)
-            vehicle.captures()  # late reports belong to the view before
+            self._collect(state)  # late reports belong to the leg before
             vehicle.upload(leg.items)
             watch.items = leg.items
             watch.require_going_on()  # that took time: it may return by now
@@ -280,36 +309,55 @@ class Flight:
         return True
 
     def _take(self, leg: Leg) -> None:
-        """Wait for the photographs of a leg, until the vehicle waits at the end of the mission."""
+        """Wait for the photographs of a leg, until the vehicle waits at the end of the mission.
+
+        The folder decides: a photograph is taken when its file has come, and did not come when neither a
+        report nor a file was new for a while.
+        """
         settings, count, waits_at = self._settings, leg.count, leg.waits_at
-        seen, late_s, asked_s = 0, math.inf, 0.0
+        late_s, waits_s, asked_s = math.inf, math.inf, 0.0
         until_s = time.monotonic() + settings.leg_s * count
-        while seen < count:
+        self._shots += leg.shots
+        while True:
             began_s = time.monotonic()
             state = self._watch.require_going_on()
-            until_s += time.monotonic() - began_s  # it may have waited for a vehicle that was silent
-            self._track(state)
-            for capture in self._vehicle.captures():
-                seen += 1
-                self._captured(capture, leg, state)
             now = time.monotonic()
+            until_s += now - began_s  # it may have waited for a vehicle that was silent
+            self._track(state)
+            leg.reach(state.item, now)
+            if self._collect(state):
+                late_s = math.inf
+            if leg.settled:
+                break
             if self._watch.paused.is_set():
                 until_s = max(until_s, now + settings.leg_s)
             elif state.item >= waits_at:
+                waits_s = min(waits_s, now)
                 late_s = min(late_s, now + settings.photograph_s)
-                if seen < count and now > asked_s + _RECOVER_S:
+                if not all(shot.reported for shot in leg.shots) and now > asked_s + _RECOVER_S:
                     asked_s = now
                     self._vehicle.recover_captures()
-            if seen < count and now > late_s:
-                self._failed += count - seen
-                self._log.event("failed", f"{count - seen} photographs did not come.", state)
+            if now > late_s:
                 break
             if now > until_s:
                 raise EndedError(
                     Ending.VEHICLE, f"the vehicle is not there after {settings.leg_s * count:.0f} s."
                 )
             time.sleep(POLL_S)
-        self._watch.deadline_s = time.monotonic() + settings.patience_s
+        self._close(leg.shots, state)
+        self._watch.deadline_s = min(waits_s, time.monotonic()) + settings.patience_s
+
+    def _close(self, shots: Sequence[Shot], state: VehicleState) -> None:
+        """Wait no longer for photographs; say which did not come."""
+        missing = [shot for shot in shots if not (shot.arrived or shot.failed)]
+        for shot in shots:
+            shot.over = True
+        if missing:
+            files = sum(shot.reported for shot in missing)
+            text = f"{len(missing)} photographs did not come"
+            if files:
+                text += f": {files} were reported, but their files are not in {self._photographs.folder}"
+            self._log.event("failed", f"{text}.", state)
 
     def _track(self, state: VehicleState) -> None:
         """Log the vehicle's position at intervals."""
@@ -317,21 +365,39 @@ class Flight:
             self._next_track_s = time.monotonic() + _TRACK_S
             self._log.event("position", "", state)
 
-    def _captured(self, capture: Capture, leg: Leg, state: VehicleState) -> None:
-        view = leg.take(capture)
-        details: dict[str, object] = {} if view is None else {"candidate": view.id}
-        if capture.place is not None:  # the vehicle flies on before it reports
-            latitude_deg, longitude_deg = capture.place
+    def _collect(self, state: VehicleState) -> bool:
+        """Assign the new reports of photographs and the files that have come; whether there were any."""
+        new = [*self._vehicle.captures(), *self._photographs.arrived()]
+        for capture in new:
+            shot = shot_of(capture, self._shots)
+            if shot is None:
+                continue
+            arrived, failed, reported = shot.arrived, shot.failed, shot.reported
+            shot.reports[capture.source] = capture
+            if not reported:
+                self._shot_event("captured", "", shot, state)
+            if shot.arrived and not arrived:
+                text = f"Photograph {self._taken} of {self._settings.photographs}."
+                if shot.over:
+                    text += " It came late."
+                    self._late += [] if shot.view is None else [shot.view]
+                self._shot_event("photograph", text, shot, state)
+            elif shot.failed and not failed:
+                where = "" if shot.view is None else f" at {shot.view.id}"
+                who = "The service refuses the photograph" if arrived else "The camera reports a failure"
+                self._shot_event("failed", f"{who}{where}.", shot, state)
+        return bool(new)
+
+    def _shot_event(self, kind: str, text: str, shot: Shot, state: VehicleState) -> None:
+        """Log an event where the photograph was taken: the vehicle flies on before it is reported."""
+        details: dict[str, object] = {} if shot.view is None else {"candidate": shot.view.id}
+        said = shot.said
+        if said is not None and said.place is not None:
+            latitude_deg, longitude_deg = said.place
             details |= {
                 "latitude_deg": latitude_deg,
                 "longitude_deg": longitude_deg,
-                "height_m": capture.height_m,
+                "height_m": said.height_m,
             }
-        if capture.succeeded:
-            self._taken += 1
-            text = f"Photograph {self._taken} of {self._settings.photographs}."
-            self._log.event("photograph", text, state, file=capture.file, **details)
-        else:
-            self._failed += 1
-            where = "" if view is None else f" at {view.id}"
-            self._log.event("failed", f"The camera reports a failure{where}.", state, **details)
+        file = next((report.file for report in shot.reports.values() if report.file), "")
+        self._log.event(kind, text, state, file=file, **details)

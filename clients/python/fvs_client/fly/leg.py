@@ -1,36 +1,40 @@
 """One leg of a flight: the views of a mission, and which of them was photographed."""
 
-import math
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 
 from fvs_client import Candidate
-from fvs_client.fly.captures import Capture
-from fvs_client.fly.items import PHOTOGRAPHS, Command, Frame, MissionItem
-
-_SAME_M = 1.0
-"""Views whose distance from a photograph differs by less are distinguished by their order."""
-_DEGREE_M = 111_195.0
+from fvs_client.fly.items import PHOTOGRAPHS, Command, MissionItem
+from fvs_client.fly.matching import Shot
 
 
 @dataclass
 class Leg:
-    """A mission through ``views`` in their order, one photograph at each; a survey has none.
-
-    ``succeeded`` and ``failed`` are the views that the camera has reported.
-    """
+    """A mission through ``views`` in their order, one photograph at each; a survey has none."""
 
     items: list[MissionItem]
     views: tuple[Candidate, ...] = ()
-    succeeded: list[Candidate] = field(default_factory=list)
-    failed: list[Candidate] = field(default_factory=list)
     first: int = 1
     """The number of the item at which it begins, after home."""
+    shots: list[Shot] = field(init=False)
+    """The triggers of its photographs."""
+
+    def __post_init__(self) -> None:
+        self.put(self.items, self.first)
+
+    def put(self, items: list[MissionItem], first: int) -> None:
+        """Make it part of a longer mission, in which it begins at item ``first``."""
+        self.items, self.first = items, first
+        triggers = [number for number, item in enumerate(items) if item.command in PHOTOGRAPHS]
+        views = [*self.views, *[None] * len(triggers)]
+        self.shots = [
+            Shot(number, _place_before(items, number), view)
+            for number, view in zip(triggers, views, strict=False)
+        ]
 
     @property
     def count(self) -> int:
         """The number of photographs to take."""
-        return sum(item.command in PHOTOGRAPHS for item in self.items)
+        return len(self.shots)
 
     @property
     def waits_at(self) -> int:
@@ -42,39 +46,30 @@ class Leg:
         )
 
     @property
-    def left(self) -> tuple[Candidate, ...]:
-        """The views without a report."""
-        known = {view.id for view in (*self.succeeded, *self.failed)}
-        return tuple(view for view in self.views if view.id not in known)
+    def settled(self) -> bool:
+        """Whether each photograph has arrived or failed."""
+        return all(shot.arrived or shot.failed for shot in self.shots)
 
-    def take(self, capture: Capture) -> Candidate | None:
-        """Assign a photograph to a view: the nearest one that is left, and the first of equals."""
-        places = dict(zip((view.id for view in self.views), self._places(), strict=False))
-        left = self.left
-        if not left:
-            return None
-        away_m = [_distance_m(capture, places[view.id]) for view in left]
-        nearest_m = min(away_m)
-        view = next(view for view, away in zip(left, away_m, strict=True) if away <= nearest_m + _SAME_M)
-        (self.succeeded if capture.succeeded else self.failed).append(view)
-        return view
+    @property
+    def succeeded(self) -> list[Candidate]:
+        """The views whose photographs have arrived."""
+        return [shot.view for shot in self.shots if shot.view is not None and shot.arrived]
 
-    def _places(self) -> Sequence[MissionItem]:
-        """The position of each photograph."""
-        places, last = [], self.items[0]
-        for item in self.items:
-            if item.command == Command.WAYPOINT:
-                last = item
-            elif item.command in PHOTOGRAPHS:
-                places.append(last)
-        return places
+    @property
+    def left(self) -> list[Candidate]:
+        """The views without a photograph."""
+        return [shot.view for shot in self.shots if shot.view is not None and not shot.arrived]
+
+    def reach(self, item: int, now_s: float) -> None:
+        """Record that the mission is at ``item``: it may have reached triggers up to the one after it.
+
+        Reports come before the messages that say how far the mission is.
+        """
+        for shot in self.shots:
+            if shot.item <= item + 1:
+                shot.reached_s = min(shot.reached_s, now_s)
 
 
-def _distance_m(capture: Capture, item: MissionItem) -> float:
-    if capture.place is None:
-        return 0.0
-    north_m = (capture.place[0] - item.x) * _DEGREE_M
-    degrees = (capture.place[1] - item.y + 180.0) % 360.0 - 180.0
-    east_m = degrees * _DEGREE_M * math.cos(math.radians(item.x))
-    up_m = (capture.height_m if item.frame == Frame.RELATIVE else capture.altitude_m) - item.z
-    return math.hypot(north_m, east_m, up_m)
+def _place_before(items: list[MissionItem], number: int) -> MissionItem:
+    """The waypoint at which the vehicle is at an item; home is the first."""
+    return next(item for item in reversed(items[:number]) if item.command == Command.WAYPOINT)

@@ -6,11 +6,13 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from fvs_client.spool import Outbox, Settings, Spool, State
+from fvs_client.fly.captures import Capture
+from fvs_client.spool import Outbox, Photograph, Refusal, Settings, Spool, State
 from fvs_client.spool.folder import each_file
 from fvs_client.spool.outbox import FILE_NAME
 
 _LOOK_S = 0.2
+_TEST = Refusal("test-photograph", "It is the test photograph before takeoff.")
 
 
 class Photographs:
@@ -31,20 +33,27 @@ class Photographs:
         say: Callable[[str], None],
         settings: Settings | None = None,
     ) -> None:
-        self._folder, self._scene_id = folder, scene_id
+        self.folder, self._scene_id = folder, scene_id
         self._path = folder / FILE_NAME
         self._earlier: frozenset[Path] = frozenset()
         """The files that were in the folder before this flight."""
         self._last_number = 0
         """The number of the newest photograph before this flight."""
         settings = settings or Settings(settle_s=0.5, look_every_s=0.3)
-        self._spool = Spool(folder, scene_id, url=url, api_key=api_key, settings=settings, say=say)
+        self._known: dict[int, bool] = {}
+        """Whether the photographs of this flight that ``arrived`` has returned were refused."""
+        self._before_test: frozenset[Path] | None = None
+        """The files that were in the folder before the test that goes on; None without one."""
+        self._tests: frozenset[Path] = frozenset()
+        self._spool = Spool(
+            folder, scene_id, url=url, api_key=api_key, settings=settings, refuse=self._refuse, say=say
+        )
         self._thread = threading.Thread(target=self._run, name="spool", daemon=True)
         self._failure: BaseException | None = None
         self._begun = threading.Event()
 
     def __enter__(self) -> "Photographs":
-        self._earlier = frozenset(map(_place, (file.path for file in each_file(self._folder))))
+        self._earlier = self._files()
         if self._path.exists():
             with Outbox(self._path, create=False) as outbox:
                 self._last_number = outbox.last_number()
@@ -77,16 +86,64 @@ class Photographs:
             time.sleep(_LOOK_S)
         return True
 
+    def arrived(self) -> list[Capture]:
+        """The photographs of this flight that have come, or were refused, since the last call.
+
+        They are in the outbox then, and stay there until the service has them. Raises what ended the spool.
+        """
+        new = []
+        for photograph in self._of_this_flight():
+            refused = photograph.state is State.REFUSED
+            if self._known.get(photograph.number) is not refused:
+                self._known[photograph.number] = refused
+                new.append(_captured(photograph))
+        return new
+
+    def test(self, take: Callable[[], None], timeout_s: float) -> str | None:
+        """``take`` a photograph and wait for its file, which is not sent: it shows the ground, not the scene.
+
+        Returns the file's name, None when none came in time. Raises what ``take`` does, and what ended the
+        spool.
+        """
+        self._before_test = self._files()
+        try:
+            take()
+            until = time.monotonic() + timeout_s
+            while time.monotonic() < until:
+                for photograph in self._added():
+                    if _place(photograph.path) in self._tests:
+                        return photograph.name
+                time.sleep(_LOOK_S)
+            return None
+        finally:
+            self._tests |= self._files() - self._before_test
+            self._before_test = None
+
+    def _refuse(self, path: Path) -> Refusal | None:
+        place, before = _place(path), self._before_test
+        if before is not None and place not in before:
+            self._tests |= {place}
+        return _TEST if place in self._tests else None
+
+    def _files(self) -> frozenset[Path]:
+        return frozenset(_place(file.path) for file in each_file(self.folder))
+
+    def _added(self) -> list[Photograph]:
+        """What was added to the outbox since the beginning."""
+        with self._outbox() as outbox:
+            return [] if outbox is None else outbox.added_after(self._last_number)
+
+    def _of_this_flight(self) -> list[Photograph]:
+        return [
+            photograph
+            for photograph in self._added()
+            if photograph.scene == self._scene_id
+            and _place(photograph.path) not in self._earlier | self._tests
+        ]
+
     def _ended(self) -> int:
         """Number of this flight's photographs that were sent or refused."""
-        with self._outbox() as outbox:
-            added = () if outbox is None else outbox.added_after(self._last_number)
-        return sum(
-            photograph.state in (State.SENT, State.REFUSED)
-            and photograph.scene == self._scene_id
-            and _place(photograph.path) not in self._earlier
-            for photograph in added
-        )
+        return sum(one.state in (State.SENT, State.REFUSED) for one in self._of_this_flight())
 
     @contextmanager
     def _outbox(self) -> Iterator[Outbox | None]:
@@ -106,6 +163,17 @@ class Photographs:
             self._failure = error
         finally:
             self._begun.set()
+
+
+def _captured(photograph: Photograph) -> Capture:
+    """A file as a report, with the position of its sidecar. Its time may be that of a slow transfer."""
+    latitude_deg, longitude_deg = (
+        photograph.metadata.get(name) for name in ("latitude_deg", "longitude_deg")
+    )
+    place = None
+    if isinstance(latitude_deg, float) and isinstance(longitude_deg, float):
+        place = latitude_deg, longitude_deg
+    return Capture(photograph.number, photograph.state is not State.REFUSED, photograph.path.name, place)
 
 
 def _place(path: Path) -> Path:

@@ -15,6 +15,7 @@ from fvs_client.fly.items import MissionItem
 from fvs_client.fly.link import Link
 from fvs_client.fly.read_back import require_same
 from fvs_client.fly.upload import upload
+from fvs_schema.missions import Autopilot
 
 __all__ = ["Capture", "Equipment", "Mode", "Vehicle", "VehicleState"]
 
@@ -24,6 +25,8 @@ _FIX_S = 300.0
 _CHANGE_S = 3.0
 _TRIES = 4
 _EQUIPMENT_S = 1.0
+_CAMERA = 100
+"""``MAV_COMP_ID_CAMERA``."""
 
 
 @dataclass(frozen=True)
@@ -87,6 +90,8 @@ class Vehicle:
         self._texts: deque[tuple[float, str]] = deque(maxlen=100)
         self._received: dict[str, Any] = {}
         self._captures = Captures(self._ask_for_photograph)
+        self._camera = _CAMERA
+        """The component that its camera is."""
         self._link = Link(url, baud=baud, system=system, heard=self._receive)
         self._mavlink = self._link.mavlink
         try:
@@ -151,6 +156,17 @@ class Vehicle:
     def recover_captures(self) -> None:
         """Request the reports of photographs that were lost with the link; ``captures`` has them soon."""
         self._request(self._mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS)
+
+    def photograph(self) -> None:
+        """Take one photograph now; raises ``VehicleError`` when that is refused.
+
+        ArduPilot accepts it without a camera, too.
+        """
+        if self.dialect.autopilot is Autopilot.ARDUPILOT:
+            self.command(self._mavlink.MAV_CMD_DO_DIGICAM_CONTROL, 0.0, 0.0, 0.0, 0.0, 1.0)
+        else:
+            start = self._mavlink.MAV_CMD_IMAGE_START_CAPTURE
+            self.command(start, 0.0, 0.0, 1.0, 1.0, component=self._camera)
 
     def equipment(self) -> Equipment:
         """Request the vehicle's equipment."""
@@ -260,13 +276,18 @@ class Vehicle:
             hint="A pilot's remote control, or a check before arming, may forbid it.",
         )
 
-    def command(self, number: int, *parameters: float) -> None:
-        """Send a command and wait until it is accepted; raises ``VehicleError`` when it is refused."""
+    def command(self, number: int, *parameters: float, component: int | None = None) -> None:
+        """Send a command and wait until it is accepted; raises ``VehicleError`` when it is refused.
+
+        It is for the autopilot, or another ``component`` of the vehicle.
+        """
+        system, autopilot = self._link.target
+        target = (system, autopilot if component is None else component)
         began_s = time.monotonic()
         given = (*parameters, *(0.0,) * (7 - len(parameters)))
         self._link.forget_answers()
         answer = self._link.ask(
-            lambda: self._link.send("command_long_send", *self._link.target, number, 0, *given),
+            lambda: self._link.send("command_long_send", *target, number, 0, *given),
             ("COMMAND_ACK",),
             "command",
             lambda message: bool(message.command == number),
@@ -395,8 +416,11 @@ class Vehicle:
                 self._state = replace(self._state, item=message.seq + self._not_sent)
             case "CAMERA_IMAGE_CAPTURED":
                 self._captures.add(message)
+            case "CAMERA_FEEDBACK":
+                self._captures.add_feedback(message)
             case "CAMERA_CAPTURE_STATUS":
-                self._captures.are(message.image_count, message.time_boot_ms)
+                component = message.get_srcComponent()
+                self._captures.are(component, message.image_count, message.time_boot_ms)
             case "STATUSTEXT":
                 self._texts.append((time.monotonic(), message.text))
             case "HOME_POSITION":
@@ -407,6 +431,8 @@ class Vehicle:
             case "PARAM_VALUE":
                 self._received[message.param_id] = message
             case "CAMERA_INFORMATION" | "GIMBAL_MANAGER_INFORMATION":
+                if message.get_type() == "CAMERA_INFORMATION":
+                    self._camera = message.get_srcComponent()
                 self._received[message.get_type()] = message
 
 

@@ -11,6 +11,7 @@ from fvs_client.spool.lock import only_sender
 from fvs_client.spool.metadata import Describe
 from fvs_client.spool.outbox import FILE_NAME, Outbox
 from fvs_client.spool.settings import Settings
+from fvs_client.spool.taking import Refuse
 from fvs_client.spool.watching import Watcher
 
 
@@ -18,7 +19,8 @@ class Spool:
     """Takes photographs of a folder into its outbox, and sends them to a scene.
 
     ``describe`` is called with the path of each photograph and returns what is known of it, or None; it
-    overrides the sidecar. Raises ``SpoolError`` where it cannot work at all.
+    overrides the sidecar. Those for which ``refuse`` returns a reason are not sent. Raises
+    ``SpoolError`` where it cannot work at all.
     """
 
     def __init__(
@@ -31,13 +33,14 @@ class Spool:
         outbox: str | Path | None = None,
         settings: Settings | None = None,
         describe: Describe | None = None,
+        refuse: Refuse | None = None,
         say: Callable[[str], None] = lambda line: print(line, file=sys.stderr, flush=True),  # noqa: T201
     ) -> None:
         self._folder, self._scene = Path(folder), scene
         self._path = Path(folder) / FILE_NAME if outbox is None else Path(outbox)
         self._target = Target.resolve(url, api_key)
         self._settings = settings or Settings()
-        self._describe, self._say = describe, say
+        self._describe, self._refuse, self._say = describe, refuse, say
         self._stop = threading.Event()
         self._failure: BaseException | None = None
 
@@ -70,6 +73,7 @@ class Spool:
                     settle_s=self._settings.settle_s,
                     say=self._say,
                     describe=self._describe,
+                    refuse=self._refuse,
                 )
                 while not self._stop.is_set():
                     watcher.look()

@@ -12,7 +12,7 @@ from fvs_client.spool.folder import FoundFile, each_file, order_of
 from fvs_client.spool.metadata import Describe
 from fvs_client.spool.outbox import Outbox
 from fvs_client.spool.photograph import Photograph
-from fvs_client.spool.taking import take
+from fvs_client.spool.taking import Refuse, take
 from fvs_client.spool.wholeness import is_whole
 
 _REST_PER_LISTING = 20.0
@@ -37,12 +37,13 @@ class Watcher:
         settle_s: float,
         say: Callable[[str], None],
         describe: Describe | None = None,
+        refuse: Refuse | None = None,
         clock: Callable[[], float] = time.monotonic,
     ) -> None:
         self._folder, self._scene, self._outbox = folder, scene, outbox
         self._settle_s = settle_s
         self._say = say
-        self._describe = describe
+        self._describe, self._refuse = describe, refuse
         self._clock = clock
         # Files, as they are, by their hashes: a folder may have more of them than there is memory for.
         self._known: set[int] = set()
@@ -127,7 +128,7 @@ class Watcher:
                     "camera lose power? It stays, and is sent once it is whole."
                 )
             return None
-        photograph = take(self._outbox, file, self._scene, self._describe, durable=False)
+        photograph = take(self._outbox, file, self._scene, self._describe, refuse=self._refuse, durable=False)
         del self._waiting[mark]
         self._known.add(mark)
         if photograph.refusal is not None:
