@@ -12,6 +12,7 @@ import time
 from collections.abc import Callable, Sequence
 
 from fvs_client import Candidate, ConflictError, FvsError, Job, Scene, VisitState
+from fvs_client.fly.captures import Capture
 from fvs_client.fly.checks import require_battery, require_equipment, warn_of_failsafe
 from fvs_client.fly.choice import Choice
 from fvs_client.fly.dialects import Mode
@@ -35,6 +36,8 @@ __all__ = ["Ending", "Flight", "FlightResult", "FlightSettings"]
 
 _TRACK_S = 0.5
 _RECOVER_S = 1.0
+_HELD_S = 3.0
+"""After a silence, photographs may be known before the vehicle says how far its mission is."""
 _TRIES = 3
 _MOST_FAILED = 3
 """Number of photographs that fail in a row after which a flight ends."""
@@ -64,6 +67,8 @@ class Flight:
         self._failed_in_row = 0
         self._shots: list[Shot] = []
         """The triggers of all legs, in their order."""
+        self._held: list[tuple[float, Capture]] = []
+        """Reports of no trigger that the mission is known to have reached, and when they came."""
         self._late: list[Candidate] = []
         """The views whose photographs came after they were reported as failed."""
 
@@ -367,10 +372,14 @@ class Flight:
 
     def _collect(self, state: VehicleState) -> bool:
         """Assign the new reports of photographs and the files that have come; whether there were any."""
-        new = [*self._vehicle.captures(), *self._photographs.arrived()]
-        for capture in new:
+        now = time.monotonic()
+        new = [(now, capture) for capture in (*self._vehicle.captures(), *self._photographs.arrived())]
+        held, self._held = self._held, []
+        for came_s, capture in (*held, *new):
             shot = shot_of(capture, self._shots)
             if shot is None:
+                if now - came_s < _HELD_S:
+                    self._held.append((came_s, capture))
                 continue
             arrived, failed, reported = shot.arrived, shot.failed, shot.reported
             shot.reports[capture.source] = capture
