@@ -20,7 +20,7 @@ from PIL.TiffImagePlugin import IFDRational
 from fvs_engine.images.embedded import read_embedded
 
 _XMP_PROPERTY = re.compile(
-    rb"[\s:<](GpsLatitude|GpsLongt?itude|AbsoluteAltitude|Gimbal(?:Yaw|Pitch|Roll)Degree)"
+    rb"[\s:<](GpsLatitude|GpsLongt?itude|(?:Absolute|Relative)Altitude|Gimbal(?:Yaw|Pitch|Roll)Degree)"
     rb"(?:\s*=\s*(?:\"([^\"<]{0,99})\"|'([^'<]{0,99})')|\s*>([^<]{0,99})(?=<))"
 )
 """A property as an attribute or an element, with any prefix.
@@ -41,7 +41,8 @@ class PhotographPriors:
     ``altitude_m`` is above sea level, as EXIF has it. Angles are the camera's (the gimbal's): yaw
     clockwise from true north, pitch up, roll with the right side down. ``captured_at`` always has a time
     zone; without one in the metadata UTC is assumed. ``doubtful``: the metadata has a position, but an
-    implausible one.
+    implausible one. ``height_above_takeoff_m`` is by the vehicle's barometer: its drift is a metre or two,
+    while the altitude of the same file may be off by tens of metres.
     """
 
     latitude_deg: float | None = None
@@ -52,6 +53,7 @@ class PhotographPriors:
     roll_deg: float | None = None
     captured_at: datetime | None = None
     doubtful: bool = False
+    height_above_takeoff_m: float | None = None
 
 
 def read_priors(file: BinaryIO) -> PhotographPriors:
@@ -82,6 +84,7 @@ def read_priors(file: BinaryIO) -> PhotographPriors:
         roll_deg=_bounded(_number(xmp.get("GimbalRollDegree")), -180.0, 180.0),
         captured_at=_captured_at(exif),
         doubtful=doubtful,
+        height_above_takeoff_m=_bounded(_number(xmp.get("RelativeAltitude")), -10_000.0, 10_000.0),
     )
 
 

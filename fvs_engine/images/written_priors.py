@@ -1,4 +1,4 @@
-"""Pose priors as metadata of a JPEG: EXIF, and DJI's XMP for the angles, which EXIF has no tags for."""
+"""Pose priors as metadata of a JPEG: EXIF, and DJI's XMP for what EXIF has no tags for."""
 
 import math
 from typing import NamedTuple
@@ -16,7 +16,7 @@ _XMP = (
 
 
 class PriorTags(NamedTuple):
-    """Metadata to save an image with; ``xmp`` is empty without angles."""
+    """Metadata to save an image with; ``xmp`` may be empty."""
 
     exif: Image.Exif
     xmp: bytes
@@ -38,10 +38,13 @@ def prior_tags(priors: PhotographPriors) -> PriorTags:
         if priors.altitude_m is not None:
             gps[GPS.GPSAltitudeRef] = b"\0" if priors.altitude_m >= 0 else b"\1"
             gps[GPS.GPSAltitude] = abs(priors.altitude_m)
-    angles = {"Yaw": priors.yaw_deg, "Pitch": priors.pitch_deg, "Roll": priors.roll_deg}
-    known = [
-        f'drone-dji:Gimbal{name}Degree="{angle:+.2f}"' for name, angle in angles.items() if angle is not None
-    ]
+    numbers = {
+        "GimbalYawDegree": priors.yaw_deg,
+        "GimbalPitchDegree": priors.pitch_deg,
+        "GimbalRollDegree": priors.roll_deg,
+        "RelativeAltitude": priors.height_above_takeoff_m,
+    }
+    known = [f'drone-dji:{name}="{value:+.2f}"' for name, value in numbers.items() if value is not None]
     return PriorTags(exif, _XMP.format(" ".join(known)).encode() if known else b"")
 
 

@@ -40,8 +40,7 @@ def read_subtitles(text: str) -> list[Record]:
 def read_subtitle(text: str) -> PhotographPriors | None:
     """The priors in one subtitle; None when it has neither a position nor angles.
 
-    A height that is over the take-off point alone is left out: it is not above sea level. The time of day is
-    the drone's own, without a zone.
+    The time of day is the drone's own, without a zone.
     """
     fields = {name: float(number) for name, number in reversed(_FIELD.findall(text))}
     tuples = dict(_TUPLE.findall(text))
@@ -58,6 +57,7 @@ def read_subtitle(text: str) -> PhotographPriors | None:
         pitch_deg=pitch,
         roll_deg=roll,
         captured_at=_time_of_day(text),
+        height_above_takeoff_m=_height(text, fields),
     )
 
 
@@ -77,6 +77,11 @@ def _altitude(text: str, fields: Mapping[str, float], tuples: Mapping[str, str])
     if altitude is None or over_home is None or not home.endswith("m"):
         return None
     return altitude + float(over_home[1])
+
+
+def _height(text: str, fields: Mapping[str, float]) -> float | None:
+    over_home = _HEIGHT_OVER_HOME.search(text)
+    return float(over_home[1]) if over_home else fields.get("rel_alt")
 
 
 def _angles(fields: Mapping[str, float], tuples: Mapping[str, str]) -> list[float | None]:

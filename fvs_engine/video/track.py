@@ -65,6 +65,7 @@ def _between(first: Record, second: Record, time_s: float) -> PhotographPriors:
         pitch_deg=_mixed(a.pitch_deg, b.pitch_deg, share),
         roll_deg=_turned(a.roll_deg, b.roll_deg, share),
         captured_at=_moved(first, time_s).captured_at,
+        height_above_takeoff_m=_mixed(a.height_above_takeoff_m, b.height_above_takeoff_m, share),
     )
 
 

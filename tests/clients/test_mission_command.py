@@ -131,6 +131,22 @@ def test_a_height_model_is_the_ground_of_rankings_and_plans(run: Run, gateway: A
     assert "a terrain is missing" in said
 
 
+def test_home_above_the_takeoff_of_the_photographs(run: Run, gateway: Any, tmp_path: Path) -> None:
+    origin = {"latitude_deg": 46.02, "longitude_deg": 7.75, "altitude_m": 500.0}
+    scene = gateway.scene(world={"kind": "enu", "origin": origin})
+    aligned = Alignment(status=AlignmentStatus.ALIGNED, scale=10.0, takeoff_altitude_m=450.0)
+    snapshot = gateway.model(scene, alignment=aligned)
+    again = ("mission", snapshot, "--lowest", -100, "--format", "csv", "--out", tmp_path / "again.csv")
+    said = run(*again, "--home", "46.02,7.75,480", expect=3).stderr
+    assert "their flight took off at 450.0 m" in said
+    assert "Instead of ALT in --home LAT,LON,ALT, give --home-above-takeoff: 0 to take off where" in said
+    run(*again, "--home", "46.02,7.75", "--home-above-takeoff", 0)
+    heights = [float(row.split(",")[5]) for row in (tmp_path / "again.csv").read_text().splitlines()[1:]]
+    assert all(30.0 < height < 70.0 for height in heights)
+    both = run(*again, "--home", "46.02,7.75,480", "--home-above-takeoff", 0, expect=2).stderr
+    assert "Give ALT in --home LAT,LON,ALT or --home-above-takeoff" in both
+
+
 def test_missions_are_refused_in_the_words_of_the_command_line(run: Run, gateway: Any) -> None:
     origin = {"latitude_deg": 46.02, "longitude_deg": 7.75, "altitude_m": 500.0}
     scene = gateway.scene(world={"kind": "enu", "origin": origin})

@@ -124,6 +124,8 @@ class Prior(Output):
     """Standard deviation of each coordinate of the position."""
     attitude_sigma_deg: float | None = None
     """Standard deviation of the orientation about each axis."""
+    height_above_takeoff_m: float | None = None
+    """Height above the place where the vehicle took off, by its barometer; from the file."""
 
     @property
     def geodetic(self) -> bool:

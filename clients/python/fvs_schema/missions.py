@@ -131,6 +131,11 @@ class MissionOptions(Input):
         "it (or, in a scene above the ellipsoid, without `geoid_height_m`) QGroundControl's files have home "
         "at 0 m, which a vehicle replaces by its own.",
     )
+    home_above_takeoff_m: AsText[_Height] | None = Field(
+        default=None,
+        description="How much higher home is than the place where the flight of the newest photographs took "
+        "off, by their relative altitudes: 0 for the same place. Instead of `home_altitude_m`.",
+    )
     altitude_datum: AltitudeDatum | None = Field(
         default=None,
         description="The datum of the file's altitudes: `takeoff` is above home. By default above home if "
@@ -214,6 +219,10 @@ class MissionOptions(Input):
         missing = [name for name in home if getattr(self, name) is None]
         if len(missing) == 1:
             raise of_fields("home_latitude_deg and home_longitude_deg belong together", *missing)
+        if self.home_altitude_m is not None and self.home_above_takeoff_m is not None:
+            raise of_fields(
+                "give home_altitude_m or home_above_takeoff_m", "home_altitude_m", "home_above_takeoff_m"
+            )
         if self.battery_s is not None and missing:
             raise of_fields("parts of a mission begin and end at home, which is missing", *missing)
         if self.battery_s is not None and self.finish is not Finish.RETURN:

@@ -246,6 +246,9 @@ class Alignment(Output):
     """The number of images whose position prior fits, or of control points that fit."""
     positions: Count = 0
     """The number of registered images with a position prior, or of control points."""
+    takeoff_altitude_m: Number | None = None
+    """Where the flight of the newest photographs took off, above the datum of the scene's altitudes: their
+    altitudes in the model less their heights above takeoff. Null where they have none."""
 
 
 class ImageCounts(Output):

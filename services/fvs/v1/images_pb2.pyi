@@ -225,7 +225,7 @@ class Thumbnail(_message.Message):
     def __init__(self, jpeg: _Optional[bytes] = ...) -> None: ...
 
 class Prior(_message.Message):
-    __slots__ = ("source", "latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m", "yaw_deg", "pitch_deg", "roll_deg", "position_sigma_m", "attitude_sigma_deg")
+    __slots__ = ("source", "latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m", "yaw_deg", "pitch_deg", "roll_deg", "position_sigma_m", "attitude_sigma_deg", "height_above_takeoff_m")
     SOURCE_FIELD_NUMBER: _ClassVar[int]
     LATITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
     LONGITUDE_DEG_FIELD_NUMBER: _ClassVar[int]
@@ -239,6 +239,7 @@ class Prior(_message.Message):
     ROLL_DEG_FIELD_NUMBER: _ClassVar[int]
     POSITION_SIGMA_M_FIELD_NUMBER: _ClassVar[int]
     ATTITUDE_SIGMA_DEG_FIELD_NUMBER: _ClassVar[int]
+    HEIGHT_ABOVE_TAKEOFF_M_FIELD_NUMBER: _ClassVar[int]
     source: PriorSource
     latitude_deg: float
     longitude_deg: float
@@ -252,7 +253,8 @@ class Prior(_message.Message):
     roll_deg: float
     position_sigma_m: float
     attitude_sigma_deg: float
-    def __init__(self, source: _Optional[_Union[PriorSource, str]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., x_m: _Optional[float] = ..., y_m: _Optional[float] = ..., z_m: _Optional[float] = ..., yaw_deg: _Optional[float] = ..., pitch_deg: _Optional[float] = ..., roll_deg: _Optional[float] = ..., position_sigma_m: _Optional[float] = ..., attitude_sigma_deg: _Optional[float] = ...) -> None: ...
+    height_above_takeoff_m: float
+    def __init__(self, source: _Optional[_Union[PriorSource, str]] = ..., latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., x_m: _Optional[float] = ..., y_m: _Optional[float] = ..., z_m: _Optional[float] = ..., yaw_deg: _Optional[float] = ..., pitch_deg: _Optional[float] = ..., roll_deg: _Optional[float] = ..., position_sigma_m: _Optional[float] = ..., attitude_sigma_deg: _Optional[float] = ..., height_above_takeoff_m: _Optional[float] = ...) -> None: ...
 
 class ImageMetadata(_message.Message):
     __slots__ = ("name", "captured_at", "latitude_deg", "longitude_deg", "altitude_m", "altitude_datum", "x_m", "y_m", "z_m", "yaw_deg", "pitch_deg", "roll_deg", "position_sigma_m", "attitude_sigma_deg", "every_s")

@@ -24,21 +24,21 @@ _sym_db = _symbol_database.Default()
 
 
 
-DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x12\x66vs/v1/poses.proto\x12\x06\x66vs.v1\"Y\n\tFramePose\x12 \n\x05\x66rame\x18\x01 \x01(\x0e\x32\x11.fvs.v1.PoseFrame\x12\x10\n\x08position\x18\x02 \x03(\x01\x12\x18\n\x10orientation_wxyz\x18\x03 \x03(\x01\"\xaa\x02\n\x0bVehiclePose\x12\x19\n\x0clatitude_deg\x18\x01 \x01(\x01H\x00\x88\x01\x01\x12\x1a\n\rlongitude_deg\x18\x02 \x01(\x01H\x01\x88\x01\x01\x12\x17\n\naltitude_m\x18\x03 \x01(\x01H\x02\x88\x01\x01\x12-\n\x0e\x61ltitude_datum\x18\x04 \x01(\x0e\x32\x15.fvs.v1.AltitudeDatum\x12\x14\n\x07yaw_deg\x18\x05 \x01(\x01H\x03\x88\x01\x01\x12\x16\n\tpitch_deg\x18\x06 \x01(\x01H\x04\x88\x01\x01\x12\x15\n\x08roll_deg\x18\x07 \x01(\x01H\x05\x88\x01\x01\x42\x0f\n\r_latitude_degB\x10\n\x0e_longitude_degB\r\n\x0b_altitude_mB\n\n\x08_yaw_degB\x0c\n\n_pitch_degB\x0b\n\t_roll_deg\"Z\n\x04Pose\x12\"\n\x05\x66rame\x18\x01 \x01(\x0b\x32\x11.fvs.v1.FramePoseH\x00\x12&\n\x07vehicle\x18\x02 \x01(\x0b\x32\x13.fvs.v1.VehiclePoseH\x00\x42\x06\n\x04pose\"\xb9\x01\n\x06Origin\x12\x19\n\x0clatitude_deg\x18\x01 \x01(\x01H\x00\x88\x01\x01\x12\x1a\n\rlongitude_deg\x18\x02 \x01(\x01H\x01\x88\x01\x01\x12\x17\n\naltitude_m\x18\x03 \x01(\x01H\x02\x88\x01\x01\x12-\n\x0e\x61ltitude_datum\x18\x04 \x01(\x0e\x32\x15.fvs.v1.AltitudeDatumB\x0f\n\r_latitude_degB\x10\n\x0e_longitude_degB\r\n\x0b_altitude_m\"\xda\x01\n\tAlignment\x12\'\n\x06status\x18\x01 \x01(\x0e\x32\x17.fvs.v1.AlignmentStatus\x12\r\n\x05scale\x18\x02 \x01(\x01\x12\x15\n\rrotation_wxyz\x18\x03 \x03(\x01\x12\x13\n\x0btranslation\x18\x04 \x03(\x01\x12\x12\n\x05rms_m\x18\x05 \x01(\x01H\x00\x88\x01\x01\x12\x0f\n\x07inliers\x18\x06 \x01(\x05\x12\x11\n\tpositions\x18\x07 \x01(\x05\x12\'\n\x06source\x18\x08 \x01(\x0e\x32\x17.fvs.v1.AlignmentSourceB\x08\n\x06_rms_m*\x87\x01\n\rAltitudeDatum\x12\x1e\n\x1a\x41LTITUDE_DATUM_UNSPECIFIED\x10\x00\x12\x1c\n\x18\x41LTITUDE_DATUM_ELLIPSOID\x10\x01\x12\x1c\n\x18\x41LTITUDE_DATUM_SEA_LEVEL\x10\x02\x12\x1a\n\x16\x41LTITUDE_DATUM_TAKEOFF\x10\x03*l\n\tPoseFrame\x12\x1a\n\x16POSE_FRAME_UNSPECIFIED\x10\x00\x12\x14\n\x10POSE_FRAME_WORLD\x10\x01\x12\x14\n\x10POSE_FRAME_MODEL\x10\x02\x12\x17\n\x13POSE_FRAME_GEODETIC\x10\x03*\x93\x01\n\x0f\x41lignmentStatus\x12 \n\x1c\x41LIGNMENT_STATUS_UNSPECIFIED\x10\x00\x12\x1a\n\x16\x41LIGNMENT_STATUS_MODEL\x10\x01\x12\x1c\n\x18\x41LIGNMENT_STATUS_ALIGNED\x10\x02\x12$\n ALIGNMENT_STATUS_ILL_CONDITIONED\x10\x03*x\n\x0f\x41lignmentSource\x12 \n\x1c\x41LIGNMENT_SOURCE_UNSPECIFIED\x10\x00\x12\x1e\n\x1a\x41LIGNMENT_SOURCE_POSITIONS\x10\x01\x12#\n\x1f\x41LIGNMENT_SOURCE_CONTROL_POINTS\x10\x02\x62\x06proto3')
+DESCRIPTOR = _descriptor_pool.Default().AddSerializedFile(b'\n\x12\x66vs/v1/poses.proto\x12\x06\x66vs.v1\"Y\n\tFramePose\x12 \n\x05\x66rame\x18\x01 \x01(\x0e\x32\x11.fvs.v1.PoseFrame\x12\x10\n\x08position\x18\x02 \x03(\x01\x12\x18\n\x10orientation_wxyz\x18\x03 \x03(\x01\"\xaa\x02\n\x0bVehiclePose\x12\x19\n\x0clatitude_deg\x18\x01 \x01(\x01H\x00\x88\x01\x01\x12\x1a\n\rlongitude_deg\x18\x02 \x01(\x01H\x01\x88\x01\x01\x12\x17\n\naltitude_m\x18\x03 \x01(\x01H\x02\x88\x01\x01\x12-\n\x0e\x61ltitude_datum\x18\x04 \x01(\x0e\x32\x15.fvs.v1.AltitudeDatum\x12\x14\n\x07yaw_deg\x18\x05 \x01(\x01H\x03\x88\x01\x01\x12\x16\n\tpitch_deg\x18\x06 \x01(\x01H\x04\x88\x01\x01\x12\x15\n\x08roll_deg\x18\x07 \x01(\x01H\x05\x88\x01\x01\x42\x0f\n\r_latitude_degB\x10\n\x0e_longitude_degB\r\n\x0b_altitude_mB\n\n\x08_yaw_degB\x0c\n\n_pitch_degB\x0b\n\t_roll_deg\"Z\n\x04Pose\x12\"\n\x05\x66rame\x18\x01 \x01(\x0b\x32\x11.fvs.v1.FramePoseH\x00\x12&\n\x07vehicle\x18\x02 \x01(\x0b\x32\x13.fvs.v1.VehiclePoseH\x00\x42\x06\n\x04pose\"\xb9\x01\n\x06Origin\x12\x19\n\x0clatitude_deg\x18\x01 \x01(\x01H\x00\x88\x01\x01\x12\x1a\n\rlongitude_deg\x18\x02 \x01(\x01H\x01\x88\x01\x01\x12\x17\n\naltitude_m\x18\x03 \x01(\x01H\x02\x88\x01\x01\x12-\n\x0e\x61ltitude_datum\x18\x04 \x01(\x0e\x32\x15.fvs.v1.AltitudeDatumB\x0f\n\r_latitude_degB\x10\n\x0e_longitude_degB\r\n\x0b_altitude_m\"\x92\x02\n\tAlignment\x12\'\n\x06status\x18\x01 \x01(\x0e\x32\x17.fvs.v1.AlignmentStatus\x12\r\n\x05scale\x18\x02 \x01(\x01\x12\x15\n\rrotation_wxyz\x18\x03 \x03(\x01\x12\x13\n\x0btranslation\x18\x04 \x03(\x01\x12\x12\n\x05rms_m\x18\x05 \x01(\x01H\x00\x88\x01\x01\x12\x0f\n\x07inliers\x18\x06 \x01(\x05\x12\x11\n\tpositions\x18\x07 \x01(\x05\x12\'\n\x06source\x18\x08 \x01(\x0e\x32\x17.fvs.v1.AlignmentSource\x12\x1f\n\x12takeoff_altitude_m\x18\t \x01(\x01H\x01\x88\x01\x01\x42\x08\n\x06_rms_mB\x15\n\x13_takeoff_altitude_m*\x87\x01\n\rAltitudeDatum\x12\x1e\n\x1a\x41LTITUDE_DATUM_UNSPECIFIED\x10\x00\x12\x1c\n\x18\x41LTITUDE_DATUM_ELLIPSOID\x10\x01\x12\x1c\n\x18\x41LTITUDE_DATUM_SEA_LEVEL\x10\x02\x12\x1a\n\x16\x41LTITUDE_DATUM_TAKEOFF\x10\x03*l\n\tPoseFrame\x12\x1a\n\x16POSE_FRAME_UNSPECIFIED\x10\x00\x12\x14\n\x10POSE_FRAME_WORLD\x10\x01\x12\x14\n\x10POSE_FRAME_MODEL\x10\x02\x12\x17\n\x13POSE_FRAME_GEODETIC\x10\x03*\x93\x01\n\x0f\x41lignmentStatus\x12 \n\x1c\x41LIGNMENT_STATUS_UNSPECIFIED\x10\x00\x12\x1a\n\x16\x41LIGNMENT_STATUS_MODEL\x10\x01\x12\x1c\n\x18\x41LIGNMENT_STATUS_ALIGNED\x10\x02\x12$\n ALIGNMENT_STATUS_ILL_CONDITIONED\x10\x03*x\n\x0f\x41lignmentSource\x12 \n\x1c\x41LIGNMENT_SOURCE_UNSPECIFIED\x10\x00\x12\x1e\n\x1a\x41LIGNMENT_SOURCE_POSITIONS\x10\x01\x12#\n\x1f\x41LIGNMENT_SOURCE_CONTROL_POINTS\x10\x02\x62\x06proto3')
 
 _globals = globals()
 _builder.BuildMessageAndEnumDescriptors(DESCRIPTOR, _globals)
 _builder.BuildTopDescriptorsAndMessages(DESCRIPTOR, 'fvs.v1.poses_pb2', _globals)
 if not _descriptor._USE_C_DESCRIPTORS:
   DESCRIPTOR._loaded_options = None
-  _globals['_ALTITUDEDATUM']._serialized_start=924
-  _globals['_ALTITUDEDATUM']._serialized_end=1059
-  _globals['_POSEFRAME']._serialized_start=1061
-  _globals['_POSEFRAME']._serialized_end=1169
-  _globals['_ALIGNMENTSTATUS']._serialized_start=1172
-  _globals['_ALIGNMENTSTATUS']._serialized_end=1319
-  _globals['_ALIGNMENTSOURCE']._serialized_start=1321
-  _globals['_ALIGNMENTSOURCE']._serialized_end=1441
+  _globals['_ALTITUDEDATUM']._serialized_start=980
+  _globals['_ALTITUDEDATUM']._serialized_end=1115
+  _globals['_POSEFRAME']._serialized_start=1117
+  _globals['_POSEFRAME']._serialized_end=1225
+  _globals['_ALIGNMENTSTATUS']._serialized_start=1228
+  _globals['_ALIGNMENTSTATUS']._serialized_end=1375
+  _globals['_ALIGNMENTSOURCE']._serialized_start=1377
+  _globals['_ALIGNMENTSOURCE']._serialized_end=1497
   _globals['_FRAMEPOSE']._serialized_start=30
   _globals['_FRAMEPOSE']._serialized_end=119
   _globals['_VEHICLEPOSE']._serialized_start=122
@@ -48,5 +48,5 @@ if not _descriptor._USE_C_DESCRIPTORS:
   _globals['_ORIGIN']._serialized_start=515
   _globals['_ORIGIN']._serialized_end=700
   _globals['_ALIGNMENT']._serialized_start=703
-  _globals['_ALIGNMENT']._serialized_end=921
+  _globals['_ALIGNMENT']._serialized_end=977
 # @@protoc_insertion_point(module_scope)

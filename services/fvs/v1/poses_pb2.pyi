@@ -98,7 +98,7 @@ class Origin(_message.Message):
     def __init__(self, latitude_deg: _Optional[float] = ..., longitude_deg: _Optional[float] = ..., altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[AltitudeDatum, str]] = ...) -> None: ...
 
 class Alignment(_message.Message):
-    __slots__ = ("status", "scale", "rotation_wxyz", "translation", "rms_m", "inliers", "positions", "source")
+    __slots__ = ("status", "scale", "rotation_wxyz", "translation", "rms_m", "inliers", "positions", "source", "takeoff_altitude_m")
     STATUS_FIELD_NUMBER: _ClassVar[int]
     SCALE_FIELD_NUMBER: _ClassVar[int]
     ROTATION_WXYZ_FIELD_NUMBER: _ClassVar[int]
@@ -107,6 +107,7 @@ class Alignment(_message.Message):
     INLIERS_FIELD_NUMBER: _ClassVar[int]
     POSITIONS_FIELD_NUMBER: _ClassVar[int]
     SOURCE_FIELD_NUMBER: _ClassVar[int]
+    TAKEOFF_ALTITUDE_M_FIELD_NUMBER: _ClassVar[int]
     status: AlignmentStatus
     scale: float
     rotation_wxyz: _containers.RepeatedScalarFieldContainer[float]
@@ -115,4 +116,5 @@ class Alignment(_message.Message):
     inliers: int
     positions: int
     source: AlignmentSource
-    def __init__(self, status: _Optional[_Union[AlignmentStatus, str]] = ..., scale: _Optional[float] = ..., rotation_wxyz: _Optional[_Iterable[float]] = ..., translation: _Optional[_Iterable[float]] = ..., rms_m: _Optional[float] = ..., inliers: _Optional[int] = ..., positions: _Optional[int] = ..., source: _Optional[_Union[AlignmentSource, str]] = ...) -> None: ...
+    takeoff_altitude_m: float
+    def __init__(self, status: _Optional[_Union[AlignmentStatus, str]] = ..., scale: _Optional[float] = ..., rotation_wxyz: _Optional[_Iterable[float]] = ..., translation: _Optional[_Iterable[float]] = ..., rms_m: _Optional[float] = ..., inliers: _Optional[int] = ..., positions: _Optional[int] = ..., source: _Optional[_Union[AlignmentSource, str]] = ..., takeoff_altitude_m: _Optional[float] = ...) -> None: ...

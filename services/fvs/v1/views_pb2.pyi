@@ -268,7 +268,7 @@ class DeletePlanRequest(_message.Message):
     def __init__(self, plan_id: _Optional[str] = ...) -> None: ...
 
 class GetRankingMissionRequest(_message.Message):
-    __slots__ = ("ranking_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "above_ground", "battery_s", "part", "battery_reserve")
+    __slots__ = ("ranking_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "above_ground", "battery_s", "part", "battery_reserve", "home_above_takeoff_m")
     RANKING_ID_FIELD_NUMBER: _ClassVar[int]
     FORMAT_FIELD_NUMBER: _ClassVar[int]
     FIRST_FIELD_NUMBER: _ClassVar[int]
@@ -295,6 +295,7 @@ class GetRankingMissionRequest(_message.Message):
     BATTERY_S_FIELD_NUMBER: _ClassVar[int]
     PART_FIELD_NUMBER: _ClassVar[int]
     BATTERY_RESERVE_FIELD_NUMBER: _ClassVar[int]
+    HOME_ABOVE_TAKEOFF_M_FIELD_NUMBER: _ClassVar[int]
     ranking_id: str
     format: MissionFormat
     first: int
@@ -321,10 +322,11 @@ class GetRankingMissionRequest(_message.Message):
     battery_s: float
     part: int
     battery_reserve: float
-    def __init__(self, ranking_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., above_ground: _Optional[bool] = ..., battery_s: _Optional[float] = ..., part: _Optional[int] = ..., battery_reserve: _Optional[float] = ...) -> None: ...
+    home_above_takeoff_m: float
+    def __init__(self, ranking_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., above_ground: _Optional[bool] = ..., battery_s: _Optional[float] = ..., part: _Optional[int] = ..., battery_reserve: _Optional[float] = ..., home_above_takeoff_m: _Optional[float] = ...) -> None: ...
 
 class GetPlanMissionRequest(_message.Message):
-    __slots__ = ("plan_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "vehicle", "above_ground", "battery_s", "part", "battery_reserve")
+    __slots__ = ("plan_id", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "vehicle", "above_ground", "battery_s", "part", "battery_reserve", "home_above_takeoff_m")
     PLAN_ID_FIELD_NUMBER: _ClassVar[int]
     FORMAT_FIELD_NUMBER: _ClassVar[int]
     FIRST_FIELD_NUMBER: _ClassVar[int]
@@ -352,6 +354,7 @@ class GetPlanMissionRequest(_message.Message):
     BATTERY_S_FIELD_NUMBER: _ClassVar[int]
     PART_FIELD_NUMBER: _ClassVar[int]
     BATTERY_RESERVE_FIELD_NUMBER: _ClassVar[int]
+    HOME_ABOVE_TAKEOFF_M_FIELD_NUMBER: _ClassVar[int]
     plan_id: str
     format: MissionFormat
     first: int
@@ -379,10 +382,11 @@ class GetPlanMissionRequest(_message.Message):
     battery_s: float
     part: int
     battery_reserve: float
-    def __init__(self, plan_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., vehicle: _Optional[int] = ..., above_ground: _Optional[bool] = ..., battery_s: _Optional[float] = ..., part: _Optional[int] = ..., battery_reserve: _Optional[float] = ...) -> None: ...
+    home_above_takeoff_m: float
+    def __init__(self, plan_id: _Optional[str] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., vehicle: _Optional[int] = ..., above_ground: _Optional[bool] = ..., battery_s: _Optional[float] = ..., part: _Optional[int] = ..., battery_reserve: _Optional[float] = ..., home_above_takeoff_m: _Optional[float] = ...) -> None: ...
 
 class CreateMissionRequest(_message.Message):
-    __slots__ = ("scene_id", "mission", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "above_ground", "battery_s", "part", "battery_reserve")
+    __slots__ = ("scene_id", "mission", "format", "first", "home_latitude_deg", "home_longitude_deg", "home_altitude_m", "altitude_datum", "geoid_height_m", "transit_height_m", "lowest_height_m", "highest_height_m", "geofence", "leave_out", "speed_m_s", "acceptance_radius_m", "hold_s", "gimbal_lowest_deg", "gimbal_highest_deg", "takeoff", "finish", "autopilot", "drone", "above_ground", "battery_s", "part", "battery_reserve", "home_above_takeoff_m")
     SCENE_ID_FIELD_NUMBER: _ClassVar[int]
     MISSION_FIELD_NUMBER: _ClassVar[int]
     FORMAT_FIELD_NUMBER: _ClassVar[int]
@@ -410,6 +414,7 @@ class CreateMissionRequest(_message.Message):
     BATTERY_S_FIELD_NUMBER: _ClassVar[int]
     PART_FIELD_NUMBER: _ClassVar[int]
     BATTERY_RESERVE_FIELD_NUMBER: _ClassVar[int]
+    HOME_ABOVE_TAKEOFF_M_FIELD_NUMBER: _ClassVar[int]
     scene_id: str
     mission: MissionRequest
     format: MissionFormat
@@ -437,7 +442,8 @@ class CreateMissionRequest(_message.Message):
     battery_s: float
     part: int
     battery_reserve: float
-    def __init__(self, scene_id: _Optional[str] = ..., mission: _Optional[_Union[MissionRequest, _Mapping]] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., above_ground: _Optional[bool] = ..., battery_s: _Optional[float] = ..., part: _Optional[int] = ..., battery_reserve: _Optional[float] = ...) -> None: ...
+    home_above_takeoff_m: float
+    def __init__(self, scene_id: _Optional[str] = ..., mission: _Optional[_Union[MissionRequest, _Mapping]] = ..., format: _Optional[_Union[MissionFormat, str]] = ..., first: _Optional[int] = ..., home_latitude_deg: _Optional[float] = ..., home_longitude_deg: _Optional[float] = ..., home_altitude_m: _Optional[float] = ..., altitude_datum: _Optional[_Union[_poses_pb2.AltitudeDatum, str]] = ..., geoid_height_m: _Optional[float] = ..., transit_height_m: _Optional[float] = ..., lowest_height_m: _Optional[float] = ..., highest_height_m: _Optional[float] = ..., geofence: _Optional[str] = ..., leave_out: _Optional[bool] = ..., speed_m_s: _Optional[float] = ..., acceptance_radius_m: _Optional[float] = ..., hold_s: _Optional[float] = ..., gimbal_lowest_deg: _Optional[float] = ..., gimbal_highest_deg: _Optional[float] = ..., takeoff: _Optional[bool] = ..., finish: _Optional[_Union[Finish, str]] = ..., autopilot: _Optional[_Union[Autopilot, str]] = ..., drone: _Optional[_Union[Drone, str]] = ..., above_ground: _Optional[bool] = ..., battery_s: _Optional[float] = ..., part: _Optional[int] = ..., battery_reserve: _Optional[float] = ..., home_above_takeoff_m: _Optional[float] = ...) -> None: ...
 
 class RankViewsRequest(_message.Message):
     __slots__ = ("scene_id", "ranking", "idempotency_key")

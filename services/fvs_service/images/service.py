@@ -324,6 +324,7 @@ def _prior_of(inspection: Inspection, scene: Scene) -> Prior | None:
     values = {"pitch_deg": found.pitch_deg, "roll_deg": found.roll_deg}
     if not isinstance(scene.world, LocalWorld):
         values["yaw_deg"] = found.yaw_deg
+        values["height_above_takeoff_m"] = found.height_above_takeoff_m
         if found.latitude_deg is not None:
             values |= {
                 "latitude_deg": found.latitude_deg,

@@ -20,10 +20,12 @@ class Ground:
     by the same everywhere in a scene.
     """
 
-    def __init__(self, terrain: Terrain, options: MissionOptions, datum: AltitudeDatum) -> None:
+    def __init__(
+        self, terrain: Terrain, options: MissionOptions, datum: AltitudeDatum, home_m: float | None
+    ) -> None:
         """Raise ``InvalidRequestError`` without a home that the terrain covers, or without its altitude.
 
-        That is given, or it is the terrain's, where that can be converted to the scene's ``datum``.
+        That is ``home_m``, or else the terrain's, where it can be converted to the scene's ``datum``.
         """
         if options.home is None:
             raise InvalidRequestError(
@@ -38,7 +40,7 @@ class Ground:
                 hint="Give a terrain that covers home and the views, without holes there.",
                 errors=[FieldError("terrain", "it has no height at home")],
             )
-        home_m = Altitudes.of(datum, options.home_altitude_m, None).home_m
+        home_m = Altitudes.of(datum, home_m, None).home_m
         if home_m is None:
             offset_m = Altitudes(terrain.altitude_datum, None, options.geoid_height_m).offset(datum)
             if offset_m is None:

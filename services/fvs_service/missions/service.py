@@ -9,7 +9,7 @@ from fvs_schema.missions import MissionFile, MissionOptions, MissionRequest, Mis
 from fvs_schema.poses import FramePose, Pose, frame_of
 from fvs_schema.scenes import Alignment, AlignmentStatus
 from fvs_schema.snapshots import PinholeIntrinsics
-from fvs_schema.terrain import TerrainOfPoints
+from fvs_schema.terrain import Terrain, TerrainOfPoints
 from fvs_service.errors import InvalidRequestError, NotFoundError
 from fvs_service.images.repository import in_order_of_capture
 from fvs_service.missions.composition import MOST_NAMED
@@ -43,8 +43,8 @@ class Missions:
         views = [MissionView(id=item.id, pose=item.pose) for item in ranked[: options.first]]
         frame = WorldFrame(ranking.origin, ranking.alignment)
         _require_sure_axes(ranking.alignment, given=_given(ranking.request.candidates))
-        ground, camera = self._surroundings(ranking.snapshot_id)
-        return write_mission(ranking.id, frame, views, (), options, ground, camera)
+        lowest, camera, ground = self._surroundings(ranking.snapshot_id)
+        return write_mission(ranking.id, frame, views, (), options, lowest, camera, model_ground=ground)
 
     def of_plan(self, principal: Principal, plan_id: str, options: PlanMissionOptions) -> MissionFile:
         """The stops of one vehicle of a plan; raises as ``of_ranking``."""
@@ -60,9 +60,9 @@ class Missions:
         frame = WorldFrame(plan.origin, plan.alignment)
         _require_sure_axes(plan.alignment, given=_given(plan.request.candidates))
         flown = views[: options.first]
-        ground, camera = self._surroundings(plan.snapshot_id)
+        lowest, camera, ground = self._surroundings(plan.snapshot_id)
         via_home = _way_home(tour.via_home, flown, views)
-        return write_mission(plan.id, frame, flown, via_home, options, ground, camera)
+        return write_mission(plan.id, frame, flown, via_home, options, lowest, camera, model_ground=ground)
 
     def of_views(
         self, principal: Principal, scene_id: str, read: ReadRequest, options: MissionOptions
@@ -79,11 +79,11 @@ class Missions:
         _require_sure_axes(snapshot.alignment, given=all(frame_of(pose) != "model" for pose in poses))
         views = wanted[: options.first]
         via_home = _way_home(request.via_home, views, wanted)
-        ground, camera = self._surroundings(snapshot.id)
+        lowest, camera, ground = self._surroundings(snapshot.id)
         terrain = request.terrain
         if isinstance(terrain, TerrainOfPoints):
-            terrain = self._frames.ground(snapshot.id)
-        return write_mission(scene.id, frame, views, via_home, options, ground, camera, terrain)
+            terrain = self._frames.require_ground(snapshot.id)
+        return write_mission(scene.id, frame, views, via_home, options, lowest, camera, terrain, ground)
 
     def _photographed(
         self, scene_id: str, snapshot_id: str, request: MissionRequest
@@ -115,16 +115,18 @@ class Missions:
             for digest in wanted
         )
 
-    def _surroundings(self, snapshot_id: str) -> tuple[float | None, PinholeIntrinsics | None]:
-        """The height of the model's lowest point in the world frame, and the camera of its images.
+    def _surroundings(
+        self, snapshot_id: str
+    ) -> tuple[float | None, PinholeIntrinsics | None, Terrain | None]:
+        """The height of the model's lowest point in the world frame, the camera of its images, its ground.
 
         None when the snapshot was deleted.
         """
         try:
             lowest, cameras = self._frames.geometry(snapshot_id).lower[2], self._frames.cameras(snapshot_id)
         except NotFoundError:
-            return None, None
-        return float(lowest), cameras.camera
+            return None, None, None
+        return float(lowest), cameras.camera, self._frames.ground(snapshot_id)
 
 
 def _way_home(

@@ -16,11 +16,13 @@ from fvs_service.missions.flight import Mission, Waypoint
 from fvs_service.missions.formats.registry import WRITERS, MissionWriter, PoseWriter
 from fvs_service.missions.gimbal import levelled
 from fvs_service.missions.ground import Ground
+from fvs_service.missions.home import given_home_m, require_plausible, require_related
 from fvs_service.scenes.poses import WorldFrame, require_on_earth
 
 _OF_EARTH = (
-    *("home_latitude_deg", "home_altitude_m", "transit_height_m", "lowest_height_m"),
-    *("highest_height_m", "geofence", "altitude_datum", "geoid_height_m", "battery_s"),
+    *("home_latitude_deg", "home_altitude_m", "home_above_takeoff_m", "transit_height_m"),
+    *("lowest_height_m", "highest_height_m", "geofence", "altitude_datum", "geoid_height_m"),
+    "battery_s",
 )
 """Options that mean nothing without georeference."""
 
@@ -34,12 +36,14 @@ def write_mission(
     ground_up_m: float | None,
     camera: PinholeIntrinsics | None = None,
     terrain: Terrain | None = None,
+    model_ground: Terrain | None = None,
 ) -> MissionFile:
     """The views, in their order, as a file; ``ground_up_m`` is where the ground is on the world's up axis.
 
-    ``camera`` is that of the scene's images; a ``terrain`` is the ground instead. Of a mission that
-    is cut to a battery this is the part that the options name. Raises ``InvalidRequestError`` for a format
-    that needs a georeferenced scene without one, and for what cannot be flown or written.
+    ``camera`` is that of the scene's images; a ``terrain`` is the ground instead. With ``model_ground``, the
+    ground by the model's points, the altitude of home is compared. Of a mission that is cut to a battery this
+    is the part that the options name. Raises ``InvalidRequestError`` for a format that needs a georeferenced
+    scene without one, and for what cannot be flown or written.
     """
     if not views:
         raise InvalidRequestError(
@@ -51,14 +55,14 @@ def write_mission(
         _require_above_ground(writer, options, terrain)
     parts, length_m, duration_s = 1, None, None
     if isinstance(writer, MissionWriter):
-        missions, violations = _composed(name, frame, views, via_home, options, ground, writer)
+        missions, violations = _composed(name, frame, views, via_home, options, ground, model_ground, writer)
         mission, parts = _part(missions, options), len(missions)
         name, content, count = mission.name, writer.write(mission), len(mission.views)
         length_m, duration_s = mission.length_m, mission.duration_s
     else:
         violations = ()
         if frame.georeferenced:
-            missions, violations = _composed(name, frame, views, via_home, options, ground)
+            missions, violations = _composed(name, frame, views, via_home, options, ground, model_ground)
             mission, parts = _part(missions, options), len(missions)
             name, flown = mission.name, {waypoint.name for waypoint in mission.views}
             views = [view for view in views if view.id in flown]
@@ -87,20 +91,23 @@ def _composed(
     via_home: Sequence[FramePose | VehiclePose],
     options: MissionOptions,
     ground: Terrain | float | None,
+    model_ground: Terrain | None,
     writer: MissionWriter | None = None,
 ) -> tuple[tuple[Mission, ...], tuple[Violation, ...]]:
     """The parts of the mission, and what was left out of it; without a ``writer`` in any datum."""
     origin = _origin_of(frame)
-    home_m = options.home_altitude_m
+    home_m = given_home_m(options, frame.alignment.takeoff_altitude_m)
     under: Ground | float | None = None
     if isinstance(ground, Terrain):
-        under = Ground(ground, options, origin.altitude_datum)
+        under = Ground(ground, options, origin.altitude_datum, home_m)
         home_m = under.home_m
     elif ground is not None:
         under = origin.altitude_m + ground
     altitudes = Altitudes.of(origin.altitude_datum, home_m, options.geoid_height_m)
+    require_plausible(options, altitudes.home_m, frame.alignment, model_ground)
     possible = frozenset(AltitudeDatum) if writer is None else writer.datums
     datum = altitudes.choose(options.altitude_datum, possible, "the file" if writer is None else writer.name)
+    require_related(options, datum, frame.alignment)
     at_views = _waypoints(frame, [(view.id, view.pose) for view in views])
     if options.format.of_gimbals:
         at_views = tuple(map(levelled, at_views))

@@ -93,13 +93,18 @@ class SnapshotFrames:
         if asked is None:
             return None
         frame.require_origin()
-        found = asked if isinstance(asked, Terrain) else self.ground(snapshot_id)
+        found = asked if isinstance(asked, Terrain) else self.require_ground(snapshot_id)
         require_datum(found, frame)
         return found
 
-    def ground(self, snapshot_id: str) -> Terrain:
-        """The ground by the snapshot's points; raises ``InvalidRequestError`` where it has none."""
+    def ground(self, snapshot_id: str) -> Terrain | None:
+        """The ground by the snapshot's points; None where it has none."""
         found: Terrain | None = self._terrain(snapshot_id)
+        return found
+
+    def require_ground(self, snapshot_id: str) -> Terrain:
+        """The ground by the snapshot's points; raises ``InvalidRequestError`` where it has none."""
+        found = self.ground(snapshot_id)
         if found is None:
             raise InvalidRequestError(
                 f"The model has no ground: it needs {LEAST_POINTS} sparse points, and a place on Earth.",

@@ -38,7 +38,7 @@ class WorldFrame:
 
     def __init__(self, origin: Origin | None, alignment: Alignment) -> None:
         self._origin = origin
-        self._alignment = alignment
+        self.alignment = alignment
         self.world_from_model = SimilarityTransform(
             alignment.scale,
             matrix_from_quaternion(alignment.rotation_wxyz),
@@ -54,7 +54,7 @@ class WorldFrame:
     @property
     def aligned(self) -> bool:
         """Whether the model is aligned: the world's z is up and its unit is the metre."""
-        return self._alignment.status is not AlignmentStatus.MODEL
+        return self.alignment.status is not AlignmentStatus.MODEL
 
     def world_from_camera(self, pose: FramePose | VehiclePose) -> RigidTransform:
         """The transform of a pose; raises ``InvalidRequestError`` for a geodetic one without an origin."""

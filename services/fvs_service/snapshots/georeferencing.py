@@ -20,6 +20,9 @@ from fvs_service.scenes.poses import WorldFrame, geodetic_origin
 
 Array = NDArray[np.float64]
 
+_SAME_TAKEOFF_M = 3.0
+"""Barometers drift by less during a flight."""
+
 
 def align(
     scene: Scene,
@@ -51,6 +54,32 @@ def align(
         np.array([sigma for _, _, _, sigma in known]),
     )
     return Alignment(positions=len(known)) if found is None else found.alignment(len(known))
+
+
+def takeoff_altitude(
+    images: Mapping[str, Image], model_from_camera: Mapping[str, RigidTransform], placed: SnapshotAlignment
+) -> float | None:
+    """Where the flight of the newest photographs took off, above the datum of the scene's altitudes.
+
+    It is the median of the registered cameras' altitudes less their heights above takeoff, over the
+    photographs that agree with the newest. None where that is not on Earth, or no photograph has a height.
+    """
+    frame = WorldFrame(placed.origin, placed)
+    known = [
+        (image.captured_at or image.received_at, camera.translation, height_m)
+        for digest, camera in model_from_camera.items()
+        if (image := images.get(digest)) is not None
+        and image.prior is not None
+        and (height_m := image.prior.height_above_takeoff_m) is not None
+    ]
+    if not frame.georeferenced or not known:
+        return None
+    taken_at, centres, heights_m = zip(*known, strict=True)
+    origin = geodetic_origin(frame.require_origin())
+    altitudes_m = geodetic_coordinates(frame.world_from_model.apply(np.stack(centres)), origin)[:, 2]
+    takeoffs_m = altitudes_m - np.array(heights_m)
+    newest_m = takeoffs_m[taken_at.index(max(taken_at))]
+    return float(np.median(takeoffs_m[np.abs(takeoffs_m - newest_m) <= _SAME_TAKEOFF_M]))
 
 
 def ground_of(points: Array, placed: SnapshotAlignment) -> Terrain | None:

@@ -232,6 +232,17 @@ def test_the_gimbal_knows_better_than_the_direction_in_exif(gimbal: str, yaw_deg
     assert (priors.yaw_deg, priors.pitch_deg) == (yaw_deg, -30.0)
 
 
+@pytest.mark.parametrize(
+    ("written", "height_m"), [("+39.80", 39.8), ("-3.50", -3.5), ("1e9", None), ("n/a", None)]
+)
+def test_the_height_above_takeoff_is_read_beside_the_altitude(written: str, height_m: float | None) -> None:
+    priors = read_priors(
+        _jpeg(_gps(), _xmp(f'drone-dji:AbsoluteAltitude="+198.31" drone-dji:RelativeAltitude="{written}"'))
+    )
+    assert priors.height_above_takeoff_m == height_m
+    assert priors.altitude_m == read_priors(_jpeg(_gps())).altitude_m
+
+
 def test_exif_wins_over_xmp_and_xmp_helps_out() -> None:
     xmp = _xmp('drone-dji:GpsLatitude="1.5" drone-dji:GpsLongitude="2.5"')
     assert read_priors(_jpeg(_gps(), xmp)).longitude_deg == pytest.approx(7.5)

@@ -24,12 +24,15 @@ def test_what_was_written_is_read_to_the_millimetre(
     latitude: float, longitude: float, altitude: float
 ) -> None:
     taken = datetime(2026, 11, 27, 12, 30, 5, 250_000, tzinfo=UTC)
-    read = _read_back(PhotographPriors(latitude, longitude, altitude, -170.25, -89.5, 1.5, taken))
+    read = _read_back(
+        PhotographPriors(latitude, longitude, altitude, -170.25, -89.5, 1.5, taken, False, 39.8)
+    )
     assert read.latitude_deg == pytest.approx(latitude, abs=1e-8)
     assert read.longitude_deg == pytest.approx(longitude, abs=1e-8)
     assert read.altitude_m == pytest.approx(altitude, abs=1e-3)
     assert (read.yaw_deg, read.pitch_deg, read.roll_deg) == (-170.25, -89.5, 1.5)
     assert read.captured_at == taken
+    assert read.height_above_takeoff_m == 39.8
     assert not read.doubtful
 
 

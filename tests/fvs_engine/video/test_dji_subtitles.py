@@ -28,6 +28,7 @@ def test_fields_in_brackets_are_read_with_their_times() -> None:
     taken = datetime(2023, 5, 31, 19, 4, 26, 691_000, tzinfo=UTC)
     assert astuple(first.priors)[:7] == (-37.920295, 176.456417, 227.373, -142.5, -28.7, 0.0, taken)
     assert second.priors.altitude_m == 227.4
+    assert second.priors.height_above_takeoff_m == 62.37
     assert second.priors.yaw_deg is None
 
 
@@ -62,6 +63,7 @@ def test_the_altitude_of_home_and_the_angles_of_the_gimbal_are_read() -> None:
     assert (priors.latitude_deg, priors.longitude_deg) == (30.213635, 120.083799)
     assert priors.altitude_m == pytest.approx(179.74)
     assert (priors.pitch_deg, priors.roll_deg, priors.yaw_deg) == (-40.0, 0.5, 28.2)
+    assert priors.height_above_takeoff_m == 76.19
 
 
 @pytest.mark.parametrize(

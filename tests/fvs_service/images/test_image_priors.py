@@ -85,6 +85,18 @@ def test_a_compass_is_of_no_use_in_a_local_frame(gateway: Any, photograph: Photo
     assert gateway.put(scene, photograph(2), yaw_deg=10).json()["prior"]["yaw_deg"] == 10
 
 
+def test_the_height_above_takeoff_is_the_file_s_whatever_the_sender_tells(
+    gateway: Any, photograph: Photograph
+) -> None:
+    here = {"latitude_deg": 48.31, "longitude_deg": 7.26, "altitude_m": 500.0}
+    photographs = [_with_xmp(photograph(seed), RelativeAltitude="+39.80") for seed in (1, 2, 3)]
+    scene, local = gateway.scene(), gateway.scene(world={"kind": "local"})
+    assert gateway.put(scene, photographs[0]).json()["prior"]["height_above_takeoff_m"] == 39.8
+    told = gateway.put(scene, photographs[1], **here).json()["prior"]
+    assert (told["altitude_m"], told["height_above_takeoff_m"]) == (500.0, 39.8)
+    assert gateway.put(local, photographs[2]).json()["prior"] is None
+
+
 def _with_xmp(jpeg: bytes, **angles: str) -> bytes:
     """The same JPEG with a gimbal's angles as DJI writes them."""
     told = " ".join(f'drone-dji:{name}="{value}"' for name, value in angles.items())

@@ -65,6 +65,16 @@ def mission(
             metavar=_HOMES, help="Where the vehicle takes off; the altitude is above the scene's datum."
         ),
     ] = None,
+    home_above_takeoff: Annotated[
+        float | None,
+        typer.Option(
+            min=-10_000,
+            max=10_000,
+            metavar="M",
+            help="How much higher home is than the place where the flight of the newest photographs took off "
+            "(0: the same place), by their relative altitudes; instead of ALT in --home.",
+        ),
+    ] = None,
     altitudes: Annotated[
         AltitudeDatum | None,
         typer.Option(
@@ -157,6 +167,7 @@ def mission(
     settings: dict[str, Any] = {
         "first": first,
         **_home(home),
+        "home_above_takeoff_m": home_above_takeoff,
         **flight_limits(transit_height, lowest, highest, geofence),
         "altitude_datum": altitudes,
         "geoid_height_m": geoid,

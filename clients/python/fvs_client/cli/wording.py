@@ -20,6 +20,7 @@ _OPTIONS = {
     "gimbal_lowest_deg": "LOW of --gimbal",
     "highest_height_m": "--highest",
     "hold_s": "--hold",
+    "home_above_takeoff_m": "--home-above-takeoff",
     "home_altitude_m": "ALT in --home LAT,LON,ALT",
     "home_latitude_deg": "--home",
     "home_longitude_deg": "--home",

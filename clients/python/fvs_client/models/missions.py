@@ -18,6 +18,8 @@ class MissionSettings(TypedDict, total=False):
     home_latitude_deg: float
     home_longitude_deg: float
     home_altitude_m: float
+    home_above_takeoff_m: float
+    """How much higher home is than where the newest photographs' flight took off; not with an altitude."""
     altitude_datum: AltitudeDatum | str
     """The datum of the file's altitudes; `takeoff` is above home."""
     geoid_height_m: float

@@ -985,6 +985,11 @@ export interface components {
             inliers: number;
             /** @description The number of registered images with a position prior, or of control points. Default: `0`. */
             positions: number;
+            /**
+             * @description Where the flight of the newest photographs took off, above the datum of the scene's altitudes: their
+             *     altitudes in the model less their heights above takeoff. Null where they have none.
+             */
+            takeoff_altitude_m: number | null;
         };
         /**
          * AlignmentSource
@@ -2807,6 +2812,8 @@ export interface components {
             position_sigma_m: number | null;
             /** @description Standard deviation of the orientation about each axis. */
             attitude_sigma_deg: number | null;
+            /** @description Height above the place where the vehicle took off, by its barometer; from the file. */
+            height_above_takeoff_m: number | null;
         };
         /**
          * PriorSource
@@ -6221,6 +6228,8 @@ export interface operations {
                 home_longitude_deg?: number;
                 /** @description The altitude of the place of takeoff, above the datum of the scene's altitudes. Without it (or, in a scene above the ellipsoid, without `geoid_height_m`) QGroundControl's files have home at 0 m, which a vehicle replaces by its own. */
                 home_altitude_m?: number;
+                /** @description How much higher home is than the place where the flight of the newest photographs took off, by their relative altitudes: 0 for the same place. Instead of `home_altitude_m`. */
+                home_above_takeoff_m?: number;
                 /** @description The datum of the file's altitudes: `takeoff` is above home. By default above home if its altitude is known, else the scene's. */
                 altitude_datum?: components["schemas"]["AltitudeDatum"];
                 /** @description The height of the geoid above the ellipsoid at the site, which relates their altitudes. */
@@ -6318,6 +6327,8 @@ export interface operations {
                 home_longitude_deg?: number;
                 /** @description The altitude of the place of takeoff, above the datum of the scene's altitudes. Without it (or, in a scene above the ellipsoid, without `geoid_height_m`) QGroundControl's files have home at 0 m, which a vehicle replaces by its own. */
                 home_altitude_m?: number;
+                /** @description How much higher home is than the place where the flight of the newest photographs took off, by their relative altitudes: 0 for the same place. Instead of `home_altitude_m`. */
+                home_above_takeoff_m?: number;
                 /** @description The datum of the file's altitudes: `takeoff` is above home. By default above home if its altitude is known, else the scene's. */
                 altitude_datum?: components["schemas"]["AltitudeDatum"];
                 /** @description The height of the geoid above the ellipsoid at the site, which relates their altitudes. */
@@ -6417,6 +6428,8 @@ export interface operations {
                 home_longitude_deg?: number;
                 /** @description The altitude of the place of takeoff, above the datum of the scene's altitudes. Without it (or, in a scene above the ellipsoid, without `geoid_height_m`) QGroundControl's files have home at 0 m, which a vehicle replaces by its own. */
                 home_altitude_m?: number;
+                /** @description How much higher home is than the place where the flight of the newest photographs took off, by their relative altitudes: 0 for the same place. Instead of `home_altitude_m`. */
+                home_above_takeoff_m?: number;
                 /** @description The datum of the file's altitudes: `takeoff` is above home. By default above home if its altitude is known, else the scene's. */
                 altitude_datum?: components["schemas"]["AltitudeDatum"];
                 /** @description The height of the geoid above the ellipsoid at the site, which relates their altitudes. */

@@ -13,6 +13,7 @@ const ALIGNMENT = {
   rms_m: 0.1,
   inliers: 9,
   positions: 9,
+  takeoff_altitude_m: null,
 };
 const FRAMES = new Frames(ALIGNMENT, ORIGIN);
 const DRAWING: Drawing = {

@@ -55,6 +55,7 @@ describe("the frames of a snapshot", () => {
       rms_m: 0.1,
       inliers: 9,
       positions: 9,
+      takeoff_altitude_m: null,
     },
     ORIGIN,
   );

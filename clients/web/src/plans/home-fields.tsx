@@ -67,6 +67,11 @@ export function HomeFields({ store, form, onChange }: HomeFieldsProps) {
               value={form.altitude}
               onValue={(altitude) => onChange({ altitude })}
             />
+            <NumberField
+              label={texts.aboveTakeoff}
+              value={form.aboveTakeoff}
+              onValue={(aboveTakeoff) => onChange({ aboveTakeoff })}
+            />
           </div>
           <p class="hint">{texts.altitudeHint(datum)}</p>
           <button

@@ -23,6 +23,8 @@ export interface MissionForm {
   latitude: string;
   longitude: string;
   altitude: string;
+  /** How much higher home is than where the photographs' flight took off, instead of its altitude. */
+  aboveTakeoff: string;
   datum: Schemas["AltitudeDatum"] | "";
   geoid: string;
   transit: string;
@@ -54,6 +56,7 @@ export const MISSION: MissionForm = {
   latitude: "",
   longitude: "",
   altitude: "",
+  aboveTakeoff: "",
   datum: "",
   geoid: "",
   transit: "",
@@ -108,7 +111,9 @@ export function missionQuery(form: MissionForm, drawings: readonly Drawing[], pa
     if (latitude === undefined || longitude === undefined) throw new FormError(strings.plans.mission.noHome);
     add("home_latitude_deg", latitude);
     add("home_longitude_deg", longitude);
-    add("home_altitude_m", numberOf(form.altitude));
+    const aboveTakeoff = numberOf(form.aboveTakeoff);
+    if (aboveTakeoff === undefined) add("home_altitude_m", numberOf(form.altitude));
+    add("home_above_takeoff_m", aboveTakeoff);
   }
   add("altitude_datum", form.datum);
   add("geoid_height_m", numberOf(form.geoid));

@@ -50,6 +50,11 @@ describe("the request of a mission", () => {
     expect(missionQuery(form({ battery: "" }), [], 1).has("battery_reserve")).toBe(false);
   });
 
+  it("has home above the photographs' takeoff instead of its altitude", () => {
+    const query = missionQuery(form({ ...HOME, aboveTakeoff: "0" }), [], 1);
+    expect([query.get("home_above_takeoff_m"), query.get("home_altitude_m")]).toEqual(["0", null]);
+  });
+
   it("of a robot has neither home nor heights", () => {
     const query = missionQuery(form({ ...HOME, format: "ros-posearray", leaveOut: false }), [], 1);
     expect(Object.fromEntries(query)).toEqual({ format: "ros-posearray" });

@@ -117,8 +117,9 @@ export const en = {
     latitude: "Latitude, °",
     longitude: "Longitude, °",
     altitude: "Altitude, m",
+    aboveTakeoff: "Or above takeoff, m",
     altitudeHint: (datum: string) =>
-      `Of the ground at home, above ${datum}, as the photographs have it. Heights above home need it; check it on site.`,
+      `Of the ground at home, above ${datum}, as the photographs have it: one from a map may differ by tens of metres. Or how much higher home is than where the photographs’ flight took off: 0 for the same place.`,
     fromFirst: "Where the first photograph was taken",
     fromGround: "Altitude from the model",
     noGround: "The model shows no ground there.",

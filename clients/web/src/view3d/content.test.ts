@@ -24,6 +24,7 @@ function alignment(status: "aligned" | "model"): Schemas["Alignment"] {
     rms_m: null,
     inliers: 0,
     positions: 0,
+    takeoff_altitude_m: null,
   };
 }
 

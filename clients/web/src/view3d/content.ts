@@ -68,6 +68,7 @@ const NOT_ALIGNED: Schemas["Alignment"] = {
   rms_m: null,
   inliers: 0,
   positions: 0,
+  takeoff_altitude_m: null,
 };
 
 /** The frames of what is shown: those of the snapshot, before there is one those of the position priors. */

@@ -51,6 +51,7 @@ function siteWith(drawings: Drawing[], earth = true): Site {
     rms_m: 0.1,
     inliers: 2,
     positions: 2,
+    takeoff_altitude_m: null,
   };
   const image = (number: number, captured_at: string) => ({ number, captured_at }) as Schemas["Image"];
   return {

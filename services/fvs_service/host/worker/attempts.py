@@ -35,7 +35,7 @@ from fvs_service.jobs.repository import images_milestone
 from fvs_service.jobs.timing import TIMING, past_timings
 from fvs_service.scenes.lease import Lease
 from fvs_service.scenes.repository import control_points_of, find_scene, set_working_bytes
-from fvs_service.snapshots.georeferencing import align, ground_of
+from fvs_service.snapshots.georeferencing import align, ground_of, takeoff_altitude
 from fvs_service.snapshots.service import NewSnapshot
 
 _log = structlog.get_logger()
@@ -214,6 +214,8 @@ class Attempts:
             alignment = align(scene, by_digest, made.model_from_camera, positions_ignored=ignored)
         folder = Path(made.folder)
         placed = SnapshotAlignment(origin=scene.origin, **alignment.model_dump())
+        takeoff = {"takeoff_altitude_m": takeoff_altitude(by_digest, made.model_from_camera, placed)}
+        alignment, placed = alignment.model_copy(update=takeoff), placed.model_copy(update=takeoff)
         write_text_atomically(folder / ALIGNMENT, placed.model_dump_json(indent=1))
         files = [*made.files, ALIGNMENT]
         ground = ground_of(read_positions(folder / POINTS), placed)
