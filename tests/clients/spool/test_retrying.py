@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 from fvs_client.spool.folder import find_file
-from fvs_client.spool.outbox import FILE_NAME, Outbox
+from fvs_client.spool.outbox import CUT_OFF, FILE_NAME, Outbox
 from fvs_client.spool.photograph import Photograph, Refusal, State
 from fvs_client.spool.retrying import forget, retry
 from fvs_client.spool.taking import take
@@ -79,3 +79,14 @@ def test_photographs_for_a_mistyped_scene_are_forgotten(
     assert forget(outbox) == [refused]
     assert [photograph.scene for photograph in outbox.all()] == ["scn_2"]
     assert (tmp_path / "1.jpg").exists()
+
+
+def test_a_retry_takes_a_file_that_is_whole_by_now_in_place_of_the_cut_off_one(
+    outbox: Outbox, tmp_path: Path
+) -> None:
+    (tmp_path / "1.jpg").write_bytes(b"half")
+    take(outbox, find_file(tmp_path / "1.jpg"), "scn_1", refusal=Refusal(CUT_OFF, "It has no end."))
+    (tmp_path / "1.jpg").write_bytes(b"half and half")
+    (waiting,) = retry(outbox)
+    assert (waiting.size_bytes, waiting.state) == (13, State.WAITING)
+    assert outbox.all() == [waiting]

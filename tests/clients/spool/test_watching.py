@@ -66,20 +66,42 @@ def test_a_file_is_taken_when_it_is_whole_and_has_settled(
     assert watched.outbox.get(1).size_bytes == len(content)
 
 
-def test_a_half_written_file_is_waited_for(
-    watching: Callable[..., Watching], photograph: Callable[..., bytes]
+@pytest.mark.parametrize("begun", [slice(0, 0), slice(0, 10), slice(0, -1)])
+def test_a_file_that_stays_without_its_end_is_refused_until_it_is_whole(
+    watching: Callable[..., Watching], photograph: Callable[..., bytes], begun: slice
 ) -> None:
     watched = watching()
     content = photograph(1)
     file = watched.folder / "a.jpg"
-    file.write_bytes(content[:-1])
-    for _ in range(5):
-        assert watched.look(30) == []
-    assert len(watched.said) == 1
-    assert "has no end" in watched.said[0]
+    file.write_bytes(content[begun])
+    for _ in range(3):
+        assert watched.look(29) == []
+    assert watched.said == []
+    assert watched.look(3) == ["a.jpg"]
+    assert watched.look(60) == []
+    cut = watched.outbox.get(1)
+    assert cut.state is State.REFUSED
+    assert cut.refusal is not None
+    assert watched.said == [f"a.jpg is not sent. {cut.refusal.reason} {cut.refusal.hint}"]
+    assert "has no end" in cut.refusal.reason
+    assert watching().look(120) == []  # it is known
+    assert file.read_bytes() == content[begun]
     file.write_bytes(content)
     watched.look()
     assert watched.look(2) == ["a.jpg"]
+    assert [(found.name, found.state) for found in watched.outbox.all()] == [("a.jpg", State.WAITING)]
+
+
+def test_a_file_without_its_end_is_sent_as_it_is_on_request(
+    watching: Callable[..., Watching], photograph: Callable[..., bytes]
+) -> None:
+    watched = watching()
+    (watched.folder / "a.jpg").write_bytes(photograph(1)[:-1])
+    watched.look()
+    watched.look(60)
+    watched.outbox.retry(1)
+    assert watched.look(60) == []
+    assert watched.outbox.get(1).state is State.WAITING
 
 
 def test_order_is_that_of_the_numbers_whatever_the_clock_says(

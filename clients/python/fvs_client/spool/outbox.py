@@ -14,6 +14,8 @@ from fvs_schema.names import readable_name
 FILE_NAME = ".fvs-spool.sqlite3"
 SIDECAR_REFUSED = "invalid-sidecar"
 FILE_MISSING = "file-missing"
+CUT_OFF = "cut-off"
+"""The file has no end; with other content it is another photograph, and this one is gone."""
 
 _VERSION = 1
 _SCHEMA = """
@@ -117,6 +119,10 @@ class Outbox:
         reason = (None, None, None) if refusal is None else _columns(refusal)
         state = State.WAITING if refusal is None else State.REFUSED
         with self._writing(durable=durable) as database:
+            database.execute(
+                "DELETE FROM photographs WHERE path = ? AND scene = ? AND digest != ? AND code = ?",
+                (*where, CUT_OFF),
+            )
             database.execute(
                 "INSERT INTO photographs (path, scene, digest, name, size_bytes, mtime_ns, sidecar, "
                 "metadata, state, code, reason, hint) VALUES (?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?, ?) "

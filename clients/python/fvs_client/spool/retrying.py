@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from fvs_client.spool.folder import find_file
-from fvs_client.spool.outbox import SIDECAR_REFUSED, Outbox
+from fvs_client.spool.outbox import CUT_OFF, SIDECAR_REFUSED, Outbox
 from fvs_client.spool.photograph import Photograph, State
 from fvs_client.spool.taking import take
 
@@ -44,9 +44,11 @@ def _with_its_sidecar(outbox: Outbox, photograph: Photograph) -> Photograph:
         return photograph
     known = outbox.has(file.path, photograph.scene, file.size_bytes, file.mtime_ns, file.sidecar_state)
     unusable = photograph.refusal is not None and photograph.refusal.code == SIDECAR_REFUSED
+    cut_off = photograph.refusal is not None and photograph.refusal.code == CUT_OFF
     if unusable or not known:
-        take(outbox, file, photograph.scene)
-    return outbox.get(photograph.number)
+        taken = take(outbox, file, photograph.scene)
+        return taken if cut_off else outbox.get(photograph.number)
+    return photograph
 
 
 def _refused(outbox: Outbox, numbers: Sequence[int]) -> list[Photograph]:

@@ -11,8 +11,7 @@ from fvs_client.spool.lock import only_sender
 from fvs_client.spool.metadata import Describe
 from fvs_client.spool.outbox import FILE_NAME, Outbox
 from fvs_client.spool.settings import Settings
-from fvs_client.spool.taking import Refuse
-from fvs_client.spool.watching import Watcher
+from fvs_client.spool.watching import Refuse, Watcher
 
 
 class Spool:

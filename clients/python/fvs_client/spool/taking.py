@@ -1,7 +1,7 @@
 """Take photographs into the outbox."""
 
 import hashlib
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from pathlib import Path
 
 from fvs_client.spool.folder import FoundFile
@@ -12,26 +12,22 @@ from fvs_client.spool.photograph import NewPhotograph, Photograph, Refusal
 _READ_BYTES = 1 << 18
 
 
-Refuse = Callable[[Path], Refusal | None]
-"""Why a file is not to be sent; None where it is."""
-
-
 def take(
     outbox: Outbox,
     file: FoundFile,
     scene: str,
     describe: Describe | None = None,
     *,
-    refuse: Refuse | None = None,
+    refusal: Refusal | None = None,
     durable: bool = True,
 ) -> Photograph:
     """Add a file with its digest and metadata to the outbox. Raises ``OSError`` when it cannot be read.
 
-    Who looks at the file again after a power cut needs not wait until the addition is ``durable``.
+    With a ``refusal`` it is kept there, and not sent. Who looks at the file again after a power cut needs not
+    wait until the addition is ``durable``.
     """
-    metadata, refusal = _known_of(file, describe)
-    if refuse is not None:
-        refusal = refuse(file.path) or refusal
+    metadata, unusable = _known_of(file, describe)
+    refusal = refusal or unusable
     if not file.readable:
         kind = file.path.suffix[1:].upper()
         refusal = Refusal(

@@ -10,14 +10,22 @@ from pathlib import Path
 from fvs_client.spool.errors import card_is_full
 from fvs_client.spool.folder import FoundFile, each_file, order_of
 from fvs_client.spool.metadata import Describe
-from fvs_client.spool.outbox import Outbox
-from fvs_client.spool.photograph import Photograph
-from fvs_client.spool.taking import Refuse, take
+from fvs_client.spool.outbox import CUT_OFF, Outbox
+from fvs_client.spool.photograph import Photograph, Refusal
+from fvs_client.spool.taking import take
 from fvs_client.spool.wholeness import is_whole
 
+Refuse = Callable[[Path], Refusal | None]
+"""Why a file is not to be sent; None where it is."""
+
 _REST_PER_LISTING = 20.0
-_WARN_AFTER_S = 60.0
-"""Time without a change after which a file without an end is reported."""
+_CUT_OFF_AFTER_S = 60.0
+"""Time without a change after which a file without an end is refused, until it changes."""
+_CUT_OFF = Refusal(
+    CUT_OFF,
+    f"It is empty or has no end, and did not change for {_CUT_OFF_AFTER_S:.0f} s: did the camera lose power?",
+    "It stays, and is sent when it is whole; `fvs-client spool retry` sends it as it is.",
+)
 _MOST_PER_LOOK = 500
 """Maximum number of files taken per scan; only a hash of each other file is kept in memory."""
 
@@ -25,7 +33,8 @@ _MOST_PER_LOOK = 500
 class Watcher:
     """Scans a folder regularly; each scan takes the files that have become complete.
 
-    Complete: neither file nor sidecar has changed for ``settle_s``, and the file has its format's end.
+    Complete: neither file nor sidecar has changed for ``settle_s``, and the file has its format's end. One
+    that stays without is refused: it can be seen in the outbox, and is taken when it has changed.
     """
 
     def __init__(
@@ -51,7 +60,6 @@ class Watcher:
         """When each file was last seen to change, on the monotonic clock."""
         self._tried: dict[int, float] = {}
         """When those that could not be taken were last tried."""
-        self._warned: set[int] = set()
         self._troubles: set[str] = set()
         self.rest_s = 0.0
         """How long to wait before the next look, so that looks take a twentieth of a processor at most."""
@@ -84,7 +92,6 @@ class Watcher:
         if len(taken) == _MOST_PER_LOOK:
             self.rest_s = 0.0
         self._tried = {mark: at for mark, at in self._tried.items() if mark in self._waiting}
-        self._warned &= self._waiting.keys()
         self._troubles = troubles
         return taken
 
@@ -118,17 +125,14 @@ class Watcher:
             return False
 
     def _take(self, file: FoundFile, now: float) -> Photograph | None:
-        mark = hash(file)
-        if not is_whole(file.path):
+        mark, whole = hash(file), is_whole(file.path)
+        if not whole and now - self._waiting[mark] < _CUT_OFF_AFTER_S:
             self._tried[mark] = now
-            if now - self._waiting[mark] >= _WARN_AFTER_S and mark not in self._warned:
-                self._warned.add(mark)
-                self._say(
-                    f"{file.path.name} has no end and has not changed for {_WARN_AFTER_S:.0f} s: did the "
-                    "camera lose power? It stays, and is sent once it is whole."
-                )
             return None
-        photograph = take(self._outbox, file, self._scene, self._describe, refuse=self._refuse, durable=False)
+        refusal = None if self._refuse is None else self._refuse(file.path)
+        if refusal is None and not whole:
+            refusal = _CUT_OFF
+        photograph = take(self._outbox, file, self._scene, self._describe, refusal=refusal, durable=False)
         del self._waiting[mark]
         self._known.add(mark)
         if photograph.refusal is not None:
