@@ -196,6 +196,7 @@ def _new_attempt(kind: JobKind) -> dict[str, Any]:
         "obstacle": None,
         "not_before_ms": 0,
         "work": first_work(kind).value,
+        "starts": None,
         "traceparent": traceparent(),
         "cancel_requested": False,
         "error": None,

@@ -195,7 +195,8 @@ class JobRow(Recorded, Table):
 
     ``taken_at_ms``: when its last turn began; ``waiting_since_ms``: since when it waits, or waited before its
     turn; ``obstacle``: what it lacked then, not to be tried again before ``not_before_ms`` (the database's
-    clock); ``work``: what it needs next; ``traceparent``: the span of the request that queued it.
+    clock); ``work``: what it needs next; ``starts``: those of its attempt without progress; ``traceparent``:
+    the span of the request that queued it.
     """
 
     __tablename__ = "jobs"
@@ -215,6 +216,7 @@ class JobRow(Recorded, Table):
     obstacle: Mapped[str | None] = mapped_column(String(16))
     not_before_ms: Mapped[int] = mapped_column(BigInteger)
     work: Mapped[str] = mapped_column(String(16))
+    starts: Mapped[dict[str, Any] | None]
     traceparent: Mapped[str | None] = mapped_column(String(64))
     cancel_requested: Mapped[bool]
     warnings: Mapped[list[Any]]

@@ -126,14 +126,14 @@ def test_a_job_that_is_canceled_after_its_worker_died_needs_no_runner(gateway: A
     assert gateway.client.get(f"/v1/jobs/{job}").json()["state"] == "canceled"
 
 
-def test_starts_of_workers_that_died_count(gateway: Any) -> None:
-    job = gateway.queue(scene := gateway.scene())
+def test_starts_of_processes_that_died_count(gateway: Any) -> None:
+    job = gateway.queue(gateway.scene())
     turn = gateway.take(job)
     storage = gateway.application.storage
-    for _ in range(MAX_STARTS):  # each started, and its worker died
-        Starts(storage.settings.scenes / scene, turn).begin(0.0)
+    for _ in range(MAX_STARTS):  # each started, and its process died, wherever it was
+        Starts(storage.database, turn).begin(0.0)
     scenes = GrantedScenes(gateway, None)
     scenes.turns().run(turn)
     assert scenes.started == 0
     found = gateway.client.get(f"/v1/jobs/{job}").json()
-    assert found["error"]["message"].endswith("its worker died")
+    assert found["error"]["message"].endswith("its process died")

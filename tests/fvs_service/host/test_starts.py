@@ -1,17 +1,25 @@
-from dataclasses import replace
-from pathlib import Path
+from typing import Any
 
+import pytest
+from fvs_service.errors import StorageUnavailableError
 from fvs_service.host.worker.starts import Starts
 from fvs_service.jobs.states import Turn
-
-from fvs_schema.jobs import JobKind
-
-TURN = Turn("job_1", "scn_1", JobKind.UPDATE, 1, "worker-0")
+from fvs_service.storage.database import Database
 
 
-def test_starts_count_until_the_job_comes_farther(tmp_path: Path) -> None:
+@pytest.fixture
+def turn(gateway: Any) -> Turn:
+    return gateway.take(gateway.queue(gateway.scene()))
+
+
+@pytest.fixture
+def database(gateway: Any) -> Database:
+    return gateway.application.storage.database
+
+
+def test_starts_count_until_the_job_comes_farther(database: Database, turn: Turn) -> None:
     for number in range(3):
-        starts = Starts(tmp_path / "scene", TURN)  # by another worker each time
+        starts = Starts(database, turn)  # by another process each time, perhaps on another machine
         assert starts.without_progress(0.2) == number
         starts.begin(0.2)
     assert starts.without_progress(0.3) == 1  # the last one came farther, and broke off there
@@ -19,25 +27,39 @@ def test_starts_count_until_the_job_comes_farther(tmp_path: Path) -> None:
     assert starts.without_progress(0.3) == 2
 
 
-def test_an_excused_start_does_not_count(tmp_path: Path) -> None:
-    starts = Starts(tmp_path, TURN)
+def test_an_excused_start_does_not_count(database: Database, turn: Turn) -> None:
+    starts = Starts(database, turn)
     starts.excuse()
     starts.begin(0.0)
-    starts.excuse()
-    assert starts.without_progress(0.0) == 0
+    starts.begin(0.0)
+    Starts(database, turn).excuse()
+    assert Starts(database, turn).without_progress(0.0) == 1
 
 
-def test_attempts_and_kinds_of_job_count_by_themselves(tmp_path: Path) -> None:
-    starts = Starts(tmp_path, TURN)
+def test_a_start_that_is_excused_without_the_database_does_not_count(
+    database: Database, turn: Turn, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    def away(*_: object) -> None:
+        raise StorageUnavailableError("The database cannot be reached.")
+
+    starts = Starts(database, turn)
+    starts.begin(0.0)
+    with monkeypatch.context() as without:
+        without.setattr(Database, "writing", away)
+        starts.excuse()
+    starts.begin(0.0)
+    assert Starts(database, turn).without_progress(0.0) == 1
+
+
+def test_the_next_attempt_counts_by_itself(gateway: Any, database: Database, turn: Turn) -> None:
+    starts = Starts(database, turn)
     starts.begin(0.5)
-    assert Starts(tmp_path, replace(TURN, job_id="job_2", kind=JobKind.FINE)).without_progress(0.5) == 0
-    assert Starts(tmp_path, replace(TURN, attempt=2)).without_progress(0.5) == 0
-    assert starts.without_progress(0.5) == 1
-
-
-def test_a_damaged_count_begins_anew(tmp_path: Path) -> None:
-    starts = Starts(tmp_path, TURN)
-    starts.begin(0.0)
-    (file,) = tmp_path.iterdir()
-    file.write_text("{")
-    assert starts.without_progress(0.0) == 0
+    starts.because("It broke.", disk_full=True)
+    gateway.client.post(f"/v1/jobs/{turn.job_id}:cancel")
+    gateway.application.storage.queue.put_back(turn)
+    gateway.client.post(f"/v1/jobs/{turn.job_id}:cancel")
+    assert gateway.client.post(f"/v1/jobs/{turn.job_id}:retry").is_success
+    second = Starts(database, gateway.take(turn.job_id))
+    assert second.without_progress(0.5) == 0
+    assert (second.reason, second.disk_full) == ("its process died", False)
+    assert starts.reason == "It broke."

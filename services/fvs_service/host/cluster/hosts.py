@@ -20,7 +20,7 @@ from sqlalchemy.exc import SQLAlchemyError
 
 from fvs_schema.jobs import WaitReason
 from fvs_service.application import Storage
-from fvs_service.errors import NotFoundError, ServiceError, StorageUnavailableError
+from fvs_service.errors import NotFoundError, ServiceError
 from fvs_service.host.cluster.connection import (
     ClusterUnavailableError,
     alive_nodes,
@@ -33,7 +33,7 @@ from fvs_service.host.cluster.scene_host import HostOpened, HostStatus, SceneHos
 from fvs_service.host.worker.deleted_images import unless_locked
 from fvs_service.host.worker.hosts import HostsStatus
 from fvs_service.host.worker.resources import idle_need_of_scene
-from fvs_service.jobs.repository import find_job
+from fvs_service.host.worker.starts import Starts
 from fvs_service.jobs.states import Turn
 from fvs_service.storage.tables import IdentityRow
 
@@ -110,20 +110,16 @@ class ClusterHosts:
     def run(self, turn: Turn) -> WaitReason | None:
         """See ``SceneHosts``. A turn whose host died goes on with another one."""
         self._connected.wait()
-        lost, reached = 0, 0.0
         while self._storage.queue.has(turn):
             host = self._placed_for(turn)
             if not isinstance(host, _Host):
                 return host
             try:
-                obstacle = self._run_on(host, turn, lost)
+                obstacle = self._run_on(host, turn)
             except RayActorError as error:
                 self._lose(turn.scene_id, host, error)
-                progress = self._progress(turn)
-                if progress > reached:
-                    lost, reached = 0, progress
-                if self._is_alive(host):
-                    lost += 1  # the loss of a node is not the job's fault
+                if not self._is_alive(host):
+                    Starts(self._storage.database, turn).excuse()  # it is not the job's fault
             else:
                 if any(other.node_id is None for other in list(self._hosts.values())):
                     self._leave(turn.scene_id, host)
@@ -170,22 +166,15 @@ class ClusterHosts:
             return None
         return self._placed(turn.scene_id, need)
 
-    def _run_on(self, host: _Host, turn: Turn, lost: int) -> WaitReason | None:
+    def _run_on(self, host: _Host, turn: Turn) -> WaitReason | None:
         with self._lock:
             host.turns += 1
         try:
-            obstacle: WaitReason | None = ray.get(host.actor.run.remote(turn, lost))
+            obstacle: WaitReason | None = ray.get(host.actor.run.remote(turn))
             return obstacle
         finally:
             with self._lock:
                 host.turns -= 1
-
-    def _progress(self, turn: Turn) -> float:
-        try:
-            with self._storage.database.reading() as session:
-                return find_job(session, turn.job_id).progress
-        except (StorageUnavailableError, NotFoundError):
-            return 0.0
 
     def _placed(self, scene_id: str, need: Resources) -> _Host | WaitReason:
         """The scene's host, on a node with what is needed; else what it lacks while it waits for a place."""

@@ -98,15 +98,15 @@ class SceneHost:
         """What the host takes of its node."""
         return self._resources
 
-    def run(self, turn: Turn, lost: int = 0) -> WaitReason | None:
-        """Run a turn, or wait for one that runs already: its caller died. See ``LocalHosts`` for the rest."""
+    def run(self, turn: Turn) -> WaitReason | None:
+        """Run a turn, or wait for one that runs already: its caller died."""
         with self._in_use() as hosts:
             with self._lock:
                 running = self._turns.get(turn.attempt_id)
                 ended = self._turns.setdefault(turn.attempt_id, Future())
             if running is None:
                 try:
-                    ended.set_result(hosts.run(turn, lost))
+                    ended.set_result(hosts.run(turn))
                 except BaseException as error:  # for all callers
                     ended.set_exception(error)
                 finally:

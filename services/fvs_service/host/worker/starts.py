@@ -1,76 +1,73 @@
-"""Counts an attempt's starts without progress, on disk because a job may kill its own worker."""
+"""Counts an attempt's starts without progress, in the job's row because a job may kill its own process."""
 
 from contextlib import suppress
-from pathlib import Path
 
-from pydantic import ValidationError
+from sqlalchemy import select, update
 
-from fvs_engine.errors import StorageError
-from fvs_engine.files.atomic import write_text_atomically
 from fvs_engine.records import Record
+from fvs_service.errors import StorageUnavailableError
 from fvs_service.jobs.states import Turn
+from fvs_service.storage.database import Database
+from fvs_service.storage.tables import JobRow
 
 
 class _Count(Record):
-    attempt_id: str
     starts: int = 0
     reached: float = 0.0
     """The job's progress at the last start."""
-    reason: str = "its worker died"
+    reason: str = "its process died"
     """What ended the last start."""
     disk_full: bool = False
     """Whether it ended because the disk was full."""
 
 
 class Starts:
-    """The starts of one attempt, in a file; a start counts unless it is excused.
+    """The starts of one attempt; a start counts unless it is excused."""
 
-    When the file cannot be written nothing is counted: on a full disk no attempt starts. ``lost``: how many
-    were made elsewhere before there is a file.
-    """
-
-    def __init__(self, folder: Path, turn: Turn, lost: int = 0) -> None:
-        self._file = folder / f"starts-{turn.kind.value}.json"
-        self._attempt_id = turn.attempt_id
-        self._lost = lost
+    def __init__(self, database: Database, turn: Turn) -> None:
+        self._database = database
+        self._row = (JobRow.id == turn.job_id, JobRow.attempt == turn.attempt)
+        self._known: _Count | None = None
 
     def without_progress(self, progress: float) -> int:
         """The number of starts since the job last made progress; ``progress`` is where it is now."""
-        count = self._read()
+        count = self._count
         return min(1, count.starts) if progress > count.reached else count.starts
 
     @property
     def reason(self) -> str:
         """What ended the last start."""
-        return self._read().reason
+        return self._count.reason
 
     @property
     def disk_full(self) -> bool:
         """Whether the last start ended because the disk was full."""
-        return self._read().disk_full
-
-    def because(self, reason: str, *, disk_full: bool = False) -> None:
-        """Record what ended the last start."""
-        self._write(self._read().model_copy(update={"reason": reason, "disk_full": disk_full}))
+        return self._count.disk_full
 
     def begin(self, progress: float) -> None:
         """Count a start that is made now."""
-        starts = self.without_progress(progress) + 1
-        self._write(_Count(attempt_id=self._attempt_id, starts=starts, reached=progress))
+        self._keep(_Count(starts=self.without_progress(progress) + 1, reached=progress))
+
+    def because(self, reason: str, *, disk_full: bool = False) -> None:
+        """Record what ended the last start."""
+        with suppress(StorageUnavailableError):  # the next start records it
+            self._keep(self._count.model_copy(update={"reason": reason, "disk_full": disk_full}))
 
     def excuse(self) -> None:
         """Do not count the last start: the job did not cause its end."""
-        count = self._read()
-        self._write(count.model_copy(update={"starts": max(0, count.starts - 1)}))
+        count = self._count
+        with suppress(StorageUnavailableError):  # the next start records it
+            self._keep(count.model_copy(update={"starts": max(0, count.starts - 1)}))
 
-    def _read(self) -> _Count:
-        with suppress(OSError, ValidationError):
-            count = _Count.model_validate_json(self._file.read_bytes())
-            if count.attempt_id == self._attempt_id:
-                return count
-        return _Count(attempt_id=self._attempt_id, starts=self._lost)
+    @property
+    def _count(self) -> _Count:
+        if self._known is None:
+            with self._database.reading() as session:
+                document = session.scalar(select(JobRow.starts).where(*self._row))
+            self._known = _Count.model_validate(document or {})
+        return self._known
 
-    def _write(self, count: _Count) -> None:
-        with suppress(StorageError, OSError):
-            self._file.parent.mkdir(parents=True, exist_ok=True)
-            write_text_atomically(self._file, count.model_dump_json())
+    def _keep(self, count: _Count) -> None:
+        self._known = count
+        with self._database.writing() as session:
+            session.execute(update(JobRow).where(*self._row).values(starts=count.model_dump()))

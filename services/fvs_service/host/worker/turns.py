@@ -45,15 +45,12 @@ class Turns:
         self._room = room
         self._attempts = Attempts(storage, scenes, room, trains=trains)
 
-    def run(self, turn: Turn, lost: int = 0) -> WaitReason | None:
-        """Run a turn until it or the attempt ends; returns the resource that the job lacks, if any.
-
-        ``lost`` starts without progress were made on hosts that died.
-        """
+    def run(self, turn: Turn) -> WaitReason | None:
+        """Run a turn until it or the attempt ends; returns the resource that the job lacks, if any."""
         with structlog.contextvars.bound_contextvars(
             worker=self._worker_id, scene=turn.scene_id, job=turn.job_id
         ):
-            starts = Starts(self._storage.settings.scenes / turn.scene_id, turn, lost)
+            starts = Starts(self._storage.database, turn)
             while not self._over(turn) and not self._scenes.stopping:
                 match self._outcome(turn, starts):
                     case StartAgain() as again:
@@ -84,8 +81,6 @@ class Turns:
             outcome = self._on_runner(turn)
         except Exception as error:
             outcome = outcome_of(error)
-        if isinstance(outcome, StartAgain) and self._over(turn):
-            return outcome  # deleted perhaps, so that nothing may be written into its folder
         match outcome:
             case Paused(WaitReason.DISK, reason):
                 starts.because(reason, disk_full=True)

@@ -145,6 +145,7 @@ def _create_tables_of_jobs() -> None:
         sa.Column("obstacle", sa.String(16)),
         sa.Column("not_before_ms", sa.BigInteger(), nullable=False),
         sa.Column("work", sa.String(16), nullable=False),
+        sa.Column("starts", sa.JSON()),
         sa.Column("traceparent", sa.String(64)),
         sa.Column("cancel_requested", sa.Boolean(), nullable=False),
         sa.Column("warnings", sa.JSON(), nullable=False),
