@@ -14,7 +14,7 @@ from fvs_service.application import Storage, open_storage
 from fvs_service.gateway.addresses import Addresses
 from fvs_service.host.worker.runners import LeasedRunners
 from fvs_service.logs import configure_logging, log_uncaught
-from fvs_service.serving.process_order import GATEWAY, ProcessOrder
+from fvs_service.serving.process_order import EXIT_REPLACED, GATEWAY, ProcessOrder
 from fvs_service.serving.pulse import PULSE_S, beat
 from fvs_service.tracing import Tracing
 
@@ -57,9 +57,10 @@ def _run_worker(order: ProcessOrder) -> None:
     os.set_blocking(sys.stdout.fileno(), False)  # for the pulse
     tracing = Tracing.of_environment("fvs-worker")
     with open_storage(order.settings, tracing) as storage:
-        run_worker(storage, _hosts_of(storage, order.name), order.name, beat)
+        stopped = run_worker(storage, _hosts_of(storage, order.name), order.name, beat)
     tracing.close()
-    os._exit(0)  # without waiting for attempts that still run: the next process resumes them
+    # Without waiting for attempts that still run: the next process resumes them.
+    os._exit(0 if stopped else EXIT_REPLACED)
 
 
 def _hosts_of(storage: Storage, worker_id: str) -> "SceneHosts":

@@ -6,6 +6,8 @@ from fvs_service.settings import Settings
 GATEWAY, WORKER = "gateway", "worker"
 CLUSTER = "cluster"
 """The id of the worker on a Ray cluster, of which there is one."""
+EXIT_REPLACED = 7
+"""The exit status of a worker's process when another one has begun as the same worker."""
 
 
 class ProcessOrder(Record):

@@ -28,7 +28,7 @@ from fvs_service.events.repository import skip_lost_numbers
 from fvs_service.gateway.addresses import Addresses
 from fvs_service.gateway.protection import require_protection
 from fvs_service.host.worker.heartbeat import require_no_workers
-from fvs_service.serving.process_order import CLUSTER, GATEWAY, WORKER, ProcessOrder
+from fvs_service.serving.process_order import CLUSTER, EXIT_REPLACED, GATEWAY, WORKER, ProcessOrder
 from fvs_service.serving.process_tree import adopt_orphans, end_descendants, reap_adopted
 from fvs_service.serving.pulse import Pulse
 from fvs_service.serving.stop_signals import StopSignals
@@ -91,7 +91,7 @@ class Supervisor:
         """Start all processes, call ``announce`` with the gateway's URLs, and supervise until a signal.
 
         Raises ``ForbiddenError`` when requests need an API key and there is no valid one,
-        ``ConflictError`` when another service runs on the root, or has workers on the database,
+        ``ConflictError`` when another service runs on the root, or has workers on the database, now or later,
         ``StorageError`` when the root cannot be written, ``UnavailableError`` when the gateway does not
         start, the database cannot be reached, or the blob store refuses, or belongs to another database.
         """
@@ -183,6 +183,11 @@ class Supervisor:
         status = child.process.poll()
         if status is None:
             return
+        if status == EXIT_REPLACED:
+            raise ConflictError(
+                f"Another fvs serve runs {child.name} on this database now.",
+                hint="One of them is enough: stop the other one before you start this one again.",
+            )
         lived_s = time.monotonic() - child.started
         child.pause_s = min(2 * child.pause_s, _LAST_PAUSE_S) if lived_s < _QUICK_S else _FIRST_PAUSE_S
         _log.warning("child died", name=child.name, status=status, again_in_s=child.pause_s)

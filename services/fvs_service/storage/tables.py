@@ -132,13 +132,14 @@ class SceneLeaseRow(Table):
 class WorkerRow(Table):
     """A worker's last heartbeat, by the database's clock.
 
-    ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes no jobs for lack of room;
+    ``process_id``: the process that is the worker; ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes no jobs for lack of room;
     ``runner_bytes``: the resident memory of its runners.
     """
 
     __tablename__ = "workers"
 
     id: Mapped[str] = mapped_column(String(128), primary_key=True)
+    process_id: Mapped[str] = mapped_column(String(40))
     beaten_at_ms: Mapped[int] = mapped_column(BigInteger)
     slots: Mapped[int]
     disk_full: Mapped[bool]

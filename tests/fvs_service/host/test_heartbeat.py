@@ -38,6 +38,19 @@ def test_a_heartbeat_renews_the_row_until_the_worker_ends(database: Database) ->
         assert workers_of(session) == ()
 
 
+def test_of_two_processes_that_are_one_worker_the_first_learns_that_it_is_none(database: Database) -> None:
+    """As when a dispatcher wakes that was frozen, or two begin at once."""
+    first, second = Heartbeats(database, "cluster"), Heartbeats(database, "cluster")
+    assert first.beat()
+    assert second.beat(slots=2)
+    assert not first.beat()
+    first.end()
+    assert second.beat(slots=2)
+    with database.reading() as session:
+        (status,) = workers_of(session)
+    assert status.slots == 2
+
+
 def test_after_a_clean_stop_nobody_waits(database: Database) -> None:
     worker = Heartbeats(database, "worker-0")
     worker.beat()

@@ -18,6 +18,7 @@ from typer.testing import CliRunner
 
 from fvs_engine.cli.app import app
 
+_START_S = 60
 PROGRAM = str(Path(sys.executable).with_name("fvs"))
 
 
@@ -41,7 +42,7 @@ def test_a_second_service_is_refused_while_the_workers_of_the_first_are_alive(
         assert first.stdout is not None
         try:
             address = first.stdout.readline().strip()
-            until = time.monotonic() + 60
+            until = time.monotonic() + _START_S
             while httpx2.get(f"{address}/readyz?workers=1", timeout=10).status_code != 200:
                 assert time.monotonic() < until
                 time.sleep(0.1)
@@ -54,3 +55,26 @@ def test_a_second_service_is_refused_while_the_workers_of_the_first_are_alive(
             first.send_signal(signal.SIGTERM)
         assert first.wait(30) == 0
     assert _workers(settings) == []  # the next start waits for nobody
+
+
+@pytest.mark.system
+@pytest.mark.process
+def test_a_service_ends_with_the_reason_when_another_one_has_become_its_worker(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, postgresql: PostgresqlServer
+) -> None:
+    """As a frozen one does that wakes."""
+    monkeypatch.setenv("FVS_DATABASE_URL", postgresql.create_database(uuid4().hex))
+    settings = Settings(root=tmp_path / "first")
+    command = [PROGRAM, "serve", "--root", str(settings.root), "--port", "0"]
+    with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True) as service:
+        assert service.stdout is not None
+        assert service.stderr is not None
+        service.stdout.readline()
+        until = time.monotonic() + _START_S
+        while _workers(settings) != ["worker-0"]:
+            assert time.monotonic() < until
+            time.sleep(0.1)
+        with open_storage(settings) as storage:
+            Heartbeats(storage.database, "worker-0").beat()
+        assert service.wait(30) == 2
+        assert "Another fvs serve runs worker-0 on this database now." in service.stderr.read()

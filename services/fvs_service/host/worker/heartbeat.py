@@ -5,6 +5,7 @@ import time
 from sqlalchemy import delete, insert, select, update
 
 from fvs_service.errors import ConflictError
+from fvs_service.ids import new_id
 from fvs_service.jobs.fleet import HEARTBEAT_S, is_alive
 from fvs_service.storage.clock import now_ms
 from fvs_service.storage.database import Database
@@ -16,10 +17,16 @@ _LOOK_S = 0.2
 
 
 class Heartbeats:
-    """Records the heartbeats of one worker; times are the database's."""
+    """Records the heartbeats of one process of a worker; times are the database's.
+
+    The first one makes this process the worker, and no other one any longer.
+    """
 
     def __init__(self, database: Database, worker_id: str) -> None:
         self._database, self._worker_id = database, worker_id
+        self._process_id = new_id("prc")
+        self._is_mine = (_WORKERS.c.id == worker_id, _WORKERS.c.process_id == self._process_id)
+        self._begun = False
 
     def beat(
         self,
@@ -28,8 +35,8 @@ class Heartbeats:
         disk_full: bool = False,
         backend: str = "auto",
         runner_bytes: int = 0,
-    ) -> None:
-        """Record that this worker is alive.
+    ) -> bool:
+        """Record that this worker is alive; returns whether this process is still the worker.
 
         ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes none for lack of room;
         ``runner_bytes``: the resident memory of its runners.
@@ -41,15 +48,22 @@ class Heartbeats:
             "runner_bytes": runner_bytes,
             "beaten_at_ms": now_ms(),
         }
-        known = update(_WORKERS).where(_WORKERS.c.id == self._worker_id).values(state)
         with self._database.writing() as session:
-            if session.scalar(known.returning(_WORKERS.c.id)) is None:
-                session.execute(insert(_WORKERS).values(id=self._worker_id, **state))
+            if not self._begun:
+                session.execute(delete(_WORKERS).where(_WORKERS.c.id == self._worker_id))
+                identity = {"id": self._worker_id, "process_id": self._process_id}
+                session.execute(insert(_WORKERS).values(**identity, **state))
+            else:
+                beaten = update(_WORKERS).where(*self._is_mine).values(state).returning(_WORKERS.c.id)
+                if session.scalar(beaten) is None:
+                    return False
+        self._begun = True
+        return True
 
     def end(self) -> None:
         """Record that this worker has ended; its jobs wait for its successor of the same id."""
         with self._database.writing() as session:
-            session.execute(delete(_WORKERS).where(_WORKERS.c.id == self._worker_id))
+            session.execute(delete(_WORKERS).where(*self._is_mine))
 
 
 def require_no_workers(database: Database) -> None:

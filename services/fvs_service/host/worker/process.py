@@ -24,10 +24,11 @@ _POLL_S = 10.0
 _log = structlog.get_logger()
 
 
-def run_worker(storage: Storage, hosts: SceneHosts, worker_id: str, beat: Callable[[], None]) -> None:
+def run_worker(storage: Storage, hosts: SceneHosts, worker_id: str, beat: Callable[[], None]) -> bool:
     """Run jobs until SIGTERM or SIGINT; to be called in the main thread of a process of its own.
 
-    ``beat`` is called when it is ready and before every heartbeat, with or without the database.
+    ``beat`` is called when it is ready and before every heartbeat, with or without the database. Returns
+    False when it ends because another process is the worker now.
     """
     stop = threading.Event()
     for number in (signal.SIGTERM, signal.SIGINT):
@@ -53,7 +54,8 @@ def run_worker(storage: Storage, hosts: SceneHosts, worker_id: str, beat: Callab
     try:
         while not stop.wait(HEARTBEAT_S):
             with _without_database():
-                heartbeats.beat(**hosts.status.model_dump())
+                if not heartbeats.beat(**hosts.status.model_dump()):
+                    return False
             beat()
     finally:
         sweeps.stop()
@@ -62,6 +64,7 @@ def run_worker(storage: Storage, hosts: SceneHosts, worker_id: str, beat: Callab
         hosts.stop()
         with _without_database():
             heartbeats.end()
+    return True
 
 
 @contextlib.contextmanager

@@ -25,6 +25,7 @@ def _create_tables_of_the_service() -> None:
     op.create_table(
         "workers",
         sa.Column("id", sa.String(128), primary_key=True),
+        sa.Column("process_id", sa.String(40), nullable=False),
         sa.Column("beaten_at_ms", sa.BigInteger(), nullable=False),
         sa.Column("slots", sa.Integer(), nullable=False),
         sa.Column("disk_full", sa.Boolean(), nullable=False),
