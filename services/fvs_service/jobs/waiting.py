@@ -26,8 +26,8 @@ _MESSAGES = {
     "log of `fvs serve --role worker`.",
     WaitReason.NODE: "The CPUs or the memory of all nodes of the cluster are in use.",
     WaitReason.GPU: "All GPUs of the cluster are in use.",
-    WaitReason.NO_NODE: "No node of the cluster has the CPUs, GPUs and memory that the job needs: add one, "
-    "or lower FVS_WORKER__THREADS, FVS_WORKER__GPUS or the size of images.",
+    WaitReason.NO_NODE: "No node of the cluster has the CPUs, GPUs and memory that the job needs: wait for "
+    "an autoscaler, add one, or lower FVS_WORKER__THREADS, FVS_WORKER__GPUS or the size of images.",
 }
 _BEFORE = {0: "It is the next one.", 1: "1 job goes first."}
 

@@ -132,8 +132,8 @@ class SceneLeaseRow(Table):
 class WorkerRow(Table):
     """A worker's last heartbeat, by the database's clock.
 
-    ``process_id``: the process that is the worker; ``slots``: the number of jobs that it runs at once; ``disk_full``: it takes no jobs for lack of room;
-    ``runner_bytes``: the resident memory of its runners.
+    ``process_id``: the process that is the worker; ``slots``: the number of jobs that it runs at once;
+    ``disk_full``: it takes no jobs for lack of room; ``runner_bytes``: the resident memory of its runners.
     """
 
     __tablename__ = "workers"

@@ -79,9 +79,9 @@ def test_a_host_leases_its_scene_again_after_it_has_released_it(scene_of: tuple[
 
 
 def test_a_scene_takes_memory_in_powers_of_two_and_ranks_without_a_gpu() -> None:
-    need = need_to_rank(WorkerSettings(threads=3), 1_500_000_000)
-    assert need == Resources(cpus=3, gpus=0.0, memory_bytes=2 << 30)
-    assert need_to_rank(WorkerSettings(), 1).memory_bytes == 1 << 30
+    need = need_to_rank(WorkerSettings(threads=3), 1_500_000_000, gpus=1.0)
+    assert need == Resources(cpus=3, gpus=0.0, memory_bytes=2 << 30, trains=False)
+    assert need_to_rank(WorkerSettings(), 1, gpus=0.0) == Resources(2, 0.0, 1 << 30, trains=True)
 
 
 @pytest.mark.parametrize("lacking", [Resources(1, 1, 4), Resources(2, 0.5, 4), Resources(2, 1, 3)])
@@ -136,7 +136,7 @@ def test_the_error_of_a_host_that_cannot_start_names_the_node_and_the_reason() -
 
 def test_a_host_refuses_a_dispatcher_of_another_version(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("ray.get_runtime_context", lambda: Mock(get_node_id=lambda: "node"))
-    host = SceneHost("scene", "cluster", Settings(), Resources(1, 0, 1), trains=True)
+    host = SceneHost("scene", "cluster", Settings(), Resources(1, 0, 1))
     refusal = host.open("0.0.1").refusal
     assert "0.0.1" in refusal
     assert "same version" in refusal

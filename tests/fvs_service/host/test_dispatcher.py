@@ -95,6 +95,7 @@ def _dispatching(
         run,
         lambda _scene_id: None,
         slots=slots,
+        starts_at_once=1,
         poll_s=poll_s,
         has_room=lambda: True,
     )

@@ -37,8 +37,6 @@ def test_a_scene_keeps_its_memory_until_the_last_one_is_done_with_it(
 
         def extend(self) -> None: ...
 
-        deaf = False
-
         def idle_s(self) -> float:
             return 0.0
 
@@ -73,8 +71,6 @@ def test_a_scene_that_cannot_be_leased_keeps_neither_memory_nor_a_runner(
     class Child(SimpleNamespace):
         def __init__(self, scene_id: str, *_: Any) -> None:
             super().__init__(scene_id=scene_id, alive=True, endpoint="127.0.0.1:9/secret", backend="cpu")
-
-        deaf = False
 
         def extend(self) -> None: ...
 
@@ -120,7 +116,6 @@ def test_a_runner_that_answers_no_ping_is_killed_while_a_job_uses_it(
             def __init__(self, scene_id: str, *_: Any) -> None:
                 self.scene_id, self.backend = scene_id, "cpu"
                 self.endpoint = f"127.0.0.1:{deaf.getsockname()[1]}/secret"
-                self._unanswered = 0
 
             alive = property(lambda _: not killed.is_set())
 

@@ -116,6 +116,7 @@ def worker(gateway: Any, runner: CountingRunner) -> Iterator[Callable[[], None]]
         scenes.turns(room).run,
         lambda _scene: None,
         slots=1,
+        starts_at_once=1,
         poll_s=0.02,
         has_room=lambda: not room.short,
     )

@@ -1,6 +1,6 @@
 """What a scene takes of its node, from which Ray chooses the node."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 from sqlalchemy.orm import Session
@@ -22,15 +22,45 @@ _SMALLEST_BYTES = 1 << 30
 
 @dataclass(frozen=True)
 class Resources:
-    """CPUs, GPUs (also a share of one), and bytes of memory."""
+    """CPUs, GPUs (also a share of one), and bytes of memory.
+
+    ``trains``: updates go on with training there when their images are registered; else they are left to
+    another host of the scene.
+    """
 
     cpus: float
     gpus: float
     memory_bytes: int
+    trains: bool = True
 
     def cover(self, need: "Resources") -> bool:
         """Whether ``need`` is within these."""
-        return need.cpus <= self.cpus and need.gpus <= self.gpus and need.memory_bytes <= self.memory_bytes
+        return need.trains <= self.trains and not need.exceeds(self)
+
+    def exceeds(self, other: "Resources") -> bool:
+        """Whether there is more of anything than in the other ones."""
+        return self.cpus > other.cpus or self.gpus > other.gpus or self.memory_bytes > other.memory_bytes
+
+    def plus(self, more: "Resources") -> "Resources":
+        """These and some more."""
+        return replace(
+            self,
+            cpus=self.cpus + more.cpus,
+            gpus=self.gpus + more.gpus,
+            memory_bytes=self.memory_bytes + more.memory_bytes,
+        )
+
+    def minus(self, taken: "Resources") -> "Resources":
+        """These without what is taken."""
+        return self.plus(Resources(-taken.cpus, -taken.gpus, -taken.memory_bytes))
+
+    def help(self, short: "Resources") -> bool:
+        """Whether these have something of what is short, that is above 0."""
+        return (
+            (short.cpus > 0 and self.cpus > 0)
+            or (short.gpus > 0 and self.gpus > 0)
+            or (short.memory_bytes > 0 and self.memory_bytes > 0)
+        )
 
     @property
     def options(self) -> dict[str, float]:
@@ -49,22 +79,24 @@ def cpus_of(settings: WorkerSettings) -> int:
     return settings.threads or _CPUS
 
 
-def need_to_rank(settings: WorkerSettings, memory_bytes: int) -> Resources:
-    """What a scene takes that only ranks. It never waits for a GPU."""
-    return Resources(cpus_of(settings), 0.0, _rounded(memory_bytes))
+def need_to_rank(settings: WorkerSettings, memory_bytes: int, gpus: float) -> Resources:
+    """What a scene takes that only ranks; ``gpus``: for training. It never waits for a GPU."""
+    return Resources(cpus_of(settings), 0.0, _rounded(memory_bytes), trains=not gpus)
 
 
 def need_of(session: Session, turn: Turn, settings: WorkerSettings, gpus: float) -> Resources:
     """What a scene takes for a turn; ``gpus``: for training. Raises ``NotFoundError`` for a deleted job."""
     request = find_job(session, turn.job_id).request
     images = usable_images(session, turn.scene_id)
+    to_train = gpus
     if request.kind is JobKind.FRAMES:
         gpus = 0.0
     elif needs_of(session, turn.job_id) is Work.SFM:
         known = (Registration.REGISTERED, Registration.UNREGISTERED)
         if sum(image.registration not in known for image in images) >= _NEW_IMAGES:
             gpus = 0.0
-    return Resources(cpus_of(settings), gpus, _rounded(job_need_bytes(request, images, settings)))
+    memory_bytes = _rounded(job_need_bytes(request, images, settings))
+    return Resources(cpus_of(settings), gpus, memory_bytes, trains=gpus == to_train)
 
 
 def _rounded(memory_bytes: int) -> int:

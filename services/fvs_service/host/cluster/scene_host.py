@@ -27,7 +27,6 @@ from fvs_service.errors import ServiceError
 from fvs_service.host.cluster.leases import HostLeases
 from fvs_service.host.cluster.resources import Resources
 from fvs_service.host.worker.hosts import LocalHosts
-from fvs_service.host.worker.sweep import Sweeps
 from fvs_service.ids import new_id
 from fvs_service.jobs.states import Turn
 from fvs_service.logs import configure_logging
@@ -35,6 +34,8 @@ from fvs_service.settings import Settings
 from fvs_service.storage.owner import require_own_store
 from fvs_service.tracing import Tracing
 
+LOOKS = "looks"
+"""The concurrency group of the calls that turns must not delay."""
 _LOOK_S = 1.0
 _UNUSED_S = 30.0
 """A host without a runner ends after this time."""
@@ -45,9 +46,10 @@ _log = structlog.get_logger()
 
 
 class HostOpened(Record):
-    """A host's node, and why it cannot work there ("": it can)."""
+    """A host's node, what it takes of it, and why it cannot work there ("": it can)."""
 
     node_id: str
+    resources: Resources
     refusal: str = ""
 
 
@@ -62,14 +64,12 @@ class HostStatus(Record):
 class SceneHost:
     """Runs the turns of one scene on its node, in a folder of its own that ends with it; a Ray actor.
 
-    A host takes ``resources`` of its node. It ends when it has no runner any longer, and when there is a
-    newer host of its scene. ``trains``: see ``LocalHosts``.
+    A host takes ``resources`` of its node. It ends when it has no runner any longer, when it is asked to, and
+    when there is a newer host of its scene.
     """
 
-    def __init__(
-        self, scene_id: str, worker_id: str, settings: Settings, resources: Resources, *, trains: bool
-    ) -> None:
-        self._scene_id, self._worker_id, self._trains = scene_id, worker_id, trains
+    def __init__(self, scene_id: str, worker_id: str, settings: Settings, resources: Resources) -> None:
+        self._scene_id, self._worker_id = scene_id, worker_id
         self._settings, self._resources = settings, resources
         self._lock = threading.Lock()
         self._held = contextlib.ExitStack()
@@ -77,26 +77,24 @@ class SceneHost:
         self._turns: dict[str, Future[WaitReason | None]] = {}
         self._users = 0
         self._used = time.monotonic()
+        self._idle_s = 0.0
 
+    @ray.method(concurrency_group=LOOKS)
     def open(self, version: str) -> HostOpened:
         """Open the database and the object store from this node, for a dispatcher of this ``version``."""
         node_id = ray.get_runtime_context().get_node_id()
         installed = importlib.metadata.version("fvs")
         if installed != version:
             refusal = f"The node has fvs {installed}, the dispatcher {version}. Install the same version."
-            return HostOpened(node_id=node_id, refusal=refusal)
+            return self._is_on(node_id, refusal)
         with self._lock:
             if self._hosts is None:
                 configure_logging(machine=True)
                 try:
                     self._open()
                 except (ServiceError, StorageError) as error:
-                    return HostOpened(node_id=node_id, refusal=f"{error.message} {error.hint}".strip())
-        return HostOpened(node_id=node_id)
-
-    def resources(self) -> Resources:
-        """What the host takes of its node."""
-        return self._resources
+                    return self._is_on(node_id, f"{error.message} {error.hint}".strip())
+        return self._is_on(node_id)
 
     def run(self, turn: Turn) -> WaitReason | None:
         """Run a turn, or wait for one that runs already: its caller died."""
@@ -118,25 +116,20 @@ class SceneHost:
         with self._in_use() as hosts:
             hosts.start_runner(self._scene_id)
 
+    @ray.method(concurrency_group=LOOKS)
     def status(self) -> HostStatus:
-        """How it is now."""
-        hosts = self._opened()
-        used = time.monotonic() - self._used
-        status = hosts.status
+        """How it was a moment ago; asks no runner."""
+        status = self._opened().status
         return HostStatus(
-            idle_s=0.0 if self._users else min(used, hosts.idle_s()),
+            idle_s=0.0 if self._users else self._idle_s,
             backend=status.backend,
             runner_bytes=status.runner_bytes,
         )
 
+    @ray.method(concurrency_group=LOOKS)
     def leave(self) -> bool:
-        """Give the scene up, unless a turn runs; returns whether. The caller then kills this actor."""
-        with self._lock:
-            if self._users:
-                return False
-            self._users += 1  # for ever
-        self._close()
-        return True
+        """Give the scene up and end this process; returns False while a turn runs or its runner starts."""
+        return self._leave()
 
     def _open(self) -> None:
         root = self._held.enter_context(_own_root())
@@ -149,9 +142,9 @@ class SceneHost:
         leases = HostLeases(storage.database, settings.lease_s, self._scene_id, self._replaced)
         storage = replace(storage, leases=leases)
         address_of_node: Any = ray.util.get_node_ip_address  # not typed
-        self._hosts = LocalHosts(storage, self._worker_id, address_of_node(), trains=self._trains)
-        Sweeps(storage, self._hosts.without_jobs).start()
-        threading.Thread(target=self._end_when_unused, daemon=True).start()
+        trains = self._resources.trains
+        self._hosts = LocalHosts(storage, self._worker_id, address_of_node(), trains=trains)
+        threading.Thread(target=self._look_at_runner, daemon=True).start()
 
     def _opened(self) -> LocalHosts:
         assert self._hosts is not None
@@ -166,23 +159,40 @@ class SceneHost:
         finally:
             with self._lock:
                 self._users -= 1
-            self._used = time.monotonic()
+            self._used, self._idle_s = time.monotonic(), 0.0
 
-    def _end_when_unused(self) -> None:
+    def _look_at_runner(self) -> None:
+        """Find out how long the host has been idle, and end it when it has had no runner for a while."""
         while True:
             time.sleep(_LOOK_S)
-            hosts = self._opened()
+            if self._users:
+                continue
+            runner_idle_s = self._opened().idle_s()
             unused_s = time.monotonic() - self._used
-            if unused_s > _UNUSED_S and hosts.idle_s() == math.inf and self.leave():
-                os._exit(0)
+            self._idle_s = min(unused_s, runner_idle_s)
+            if runner_idle_s == math.inf and unused_s > _UNUSED_S:
+                self._leave()
 
-    def _close(self) -> None:
-        self._opened().stop()
-        shutil.rmtree(self._opened().folder, ignore_errors=True)
+    def _leave(self) -> bool:
+        with self._lock:
+            if self._users:
+                return False
+            self._users += 1  # for ever
+        try:
+            self._opened().stop()
+        finally:  # without the database the lease runs out, or the next host takes it
+            self._end()
+
+    def _is_on(self, node_id: str, refusal: str = "") -> HostOpened:
+        return HostOpened(node_id=node_id, resources=self._resources, refusal=refusal)
 
     def _replaced(self) -> NoReturn:
-        _log.warning("replaced by another host", scene=self._scene_id)
-        os._exit(0)  # at once, and its runner with it: the scene has another host
+        _log.warning("lease lost: the scene has another host, or was deleted", scene=self._scene_id)
+        self._end()  # at once, and its runner with it
+
+    def _end(self) -> NoReturn:
+        shutil.rmtree(self._opened().folder, ignore_errors=True)
+        os._exit(0)
 
 
 @contextlib.contextmanager

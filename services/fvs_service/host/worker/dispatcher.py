@@ -12,8 +12,6 @@ from fvs_service.host.worker.runners import RunnerRequests
 from fvs_service.jobs.queue import JobQueue
 from fvs_service.jobs.states import Turn
 
-_RUNNERS_AT_ONCE = 4
-
 _STOP_S = 1.0
 _AFTER_ERROR_S = 0.5
 _log = structlog.get_logger()
@@ -40,6 +38,7 @@ class Dispatcher:
         start_runner: Callable[[str], None],
         *,
         slots: int,
+        starts_at_once: int,
         poll_s: float,
         has_room: Callable[[], bool],
     ) -> None:
@@ -48,7 +47,7 @@ class Dispatcher:
         self._requests = requests
         self._run_job = run_job
         self._start_runner = start_runner
-        self._slots = slots
+        self._slots, self._starts_at_once = slots, starts_at_once
         self._poll_s = poll_s
         self._has_room = has_room
         self._lock = threading.Lock()
@@ -128,7 +127,7 @@ class Dispatcher:
             self.wake()
 
     def _dispatch_runners(self) -> None:
-        while self._starting < _RUNNERS_AT_ONCE:
+        while self._starting < self._starts_at_once:
             scene_id = self._requests.take()
             if scene_id is None:
                 return

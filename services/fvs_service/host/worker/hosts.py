@@ -4,8 +4,6 @@ The other one is ``host.cluster``: there every scene has its host on a node of a
 ``LocalHosts``.
 """
 
-from contextlib import AbstractContextManager
-from pathlib import Path
 from typing import Protocol
 
 from fvs_engine.records import Record
@@ -13,8 +11,11 @@ from fvs_schema.jobs import WaitReason
 from fvs_service.application import Storage
 from fvs_service.host.worker.leased_scenes import LeasedScenes
 from fvs_service.host.worker.resources import Room
+from fvs_service.host.worker.sweep import Sweeps
 from fvs_service.host.worker.turns import Turns
 from fvs_service.jobs.states import Turn
+
+_STARTS_AT_ONCE = 4
 
 
 class HostsStatus(Record):
@@ -40,6 +41,8 @@ class SceneHosts(Protocol):
 
     turns_at_once: int
     """Maximum number of turns that are run at once."""
+    starts_at_once: int
+    """Maximum number of calls of ``start_runner`` at once."""
 
     def run(self, turn: Turn) -> WaitReason | None:
         """Run a turn until it or the attempt ends; returns the resource that the job lacks, if any.
@@ -53,9 +56,6 @@ class SceneHosts(Protocol):
     @property
     def status(self) -> HostsStatus:
         """The status for the next heartbeat."""
-
-    def without_jobs(self, folder: Path) -> AbstractContextManager[bool]:
-        """Keep jobs away from a scene's folder here during a block; gives False when one may use it."""
 
     def stop(self) -> None:
         """End what must not outlive the worker."""
@@ -72,16 +72,16 @@ class LocalHosts:
         self, storage: Storage, worker_id: str, address: str = "127.0.0.1", *, trains: bool = True
     ) -> None:
         settings = storage.settings
-        self.turns_at_once = settings.worker.jobs_at_once
+        self.turns_at_once, self.starts_at_once = settings.worker.jobs_at_once, _STARTS_AT_ONCE
         self._room = Room(settings)
         self._scenes = LeasedScenes(storage, worker_id, address)
         self._turns = Turns(storage, self._scenes, worker_id, self._room, trains=trains)
         self.run = self._turns.run
         self.start_runner = self._scenes.start_runner
-        self.without_jobs = self._scenes.without_jobs
         self.idle_s = self._scenes.idle_s
-        self.stop = self._scenes.stop
         self.folder = settings.root
+        self._sweeps = Sweeps(storage, self._scenes.without_jobs)
+        self._sweeps.start()
 
     @property
     def status(self) -> HostsStatus:
@@ -92,3 +92,8 @@ class LocalHosts:
             backend=self._scenes.backend,
             runner_bytes=self._scenes.resident_bytes,
         )
+
+    def stop(self) -> None:
+        """See ``SceneHosts``."""
+        self._sweeps.stop()
+        self._scenes.stop()

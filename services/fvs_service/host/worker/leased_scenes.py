@@ -26,6 +26,8 @@ _MAINTAIN_S = 1.0
 _EXTENSIONS = 3
 """Number of times that a lease is extended in its duration."""
 _YIELD_S = 2.0
+_UNANSWERED = 3
+"""A runner is killed that has not answered so many pings in a row."""
 _RETIRE_S = 2.0
 """How long a runner may take to save its checkpoint; the supervisor's patience is longer than this."""
 _START_PATIENCE_S = 60.0
@@ -42,13 +44,15 @@ class NoMemoryError(Exception):
 class LeasedScene:
     """A scene that this worker has leased, with its runner.
 
-    ``users`` counts the blocks that use it; from ``ping_from`` on its runner is asked whether it is idle.
+    ``users`` counts the blocks that use it; from ``ping_from`` on its runner is asked whether it is idle;
+    ``unanswered`` counts the times in a row that it did not respond to that.
     """
 
     lease: Lease
     child: RunnerChild
     users: int = 0
     ping_from: float = 0.0
+    unanswered: int = 0
 
     @property
     def endpoint(self) -> str:
@@ -166,7 +170,7 @@ class LeasedScenes:
 
     def idle_s(self) -> float:
         """How long all runners have been idle; 0 while one is not, infinite without any."""
-        return min((scene.child.idle_s() for scene in list(self._scenes.values())), default=math.inf)
+        return min((scene.child.idle_s() or 0.0 for scene in list(self._scenes.values())), default=math.inf)
 
     @property
     def resident_bytes(self) -> int:
@@ -302,9 +306,11 @@ class LeasedScenes:
     def _ping(self, scene: LeasedScene) -> None:
         """Unload the scene when it has been idle for too long; kill a runner that no longer answers."""
         settings = self._storage.settings
-        left_s = settings.worker.idle_s - scene.child.idle_s()
+        idle_s = scene.child.idle_s()
+        scene.unanswered = scene.unanswered + 1 if idle_s is None else 0
+        left_s = settings.worker.idle_s - (idle_s or 0.0)
         scene.ping_from = time.monotonic() + min(settings.lease_s, max(0.0, left_s))
-        if scene.child.deaf:
+        if scene.unanswered >= _UNANSWERED:
             _log.warning("runner killed, it does not answer", scene=scene.lease.scene_id)
             scene.child.kill()  # which ends the job that uses it
         elif left_s < 0 and scene.users == 0:
@@ -321,7 +327,9 @@ class LeasedScenes:
 
     def _unload_longest_idle(self) -> bool:
         free = [scene for scene in list(self._scenes.values()) if scene.users == 0]
-        return any(self._unload(scene) for scene in sorted(free, key=lambda one: -one.child.idle_s()))
+        return any(
+            self._unload(scene) for scene in sorted(free, key=lambda one: -(one.child.idle_s() or 0.0))
+        )
 
     def _unload(self, scene: LeasedScene) -> bool:
         lock = self._lock_of(scene.lease.scene_id)

@@ -14,7 +14,6 @@ from fvs_service.host.worker.dispatcher import Dispatcher
 from fvs_service.host.worker.heartbeat import Heartbeats
 from fvs_service.host.worker.hosts import SceneHosts
 from fvs_service.host.worker.runners import RunnerRequests
-from fvs_service.host.worker.sweep import Sweeps
 from fvs_service.jobs.fleet import HEARTBEAT_S
 from fvs_service.storage.notifications import Topic
 
@@ -42,13 +41,12 @@ def run_worker(storage: Storage, hosts: SceneHosts, worker_id: str, beat: Callab
         hosts.run,
         hosts.start_runner,
         slots=hosts.turns_at_once,
+        starts_at_once=hosts.starts_at_once,
         poll_s=_POLL_S,
         has_room=lambda: hosts.status.takes_jobs,
     )
-    sweeps = Sweeps(storage, hosts.without_jobs)
     subscription = storage.database.subscribe({Topic.JOBS: dispatcher.wake, Topic.RUNNERS: dispatcher.wake})
     dispatcher.start()
-    sweeps.start()
     beat()
     _log.info("worker ready", worker=worker_id)
     try:
@@ -58,7 +56,6 @@ def run_worker(storage: Storage, hosts: SceneHosts, worker_id: str, beat: Callab
                     return False
             beat()
     finally:
-        sweeps.stop()
         subscription.close()
         dispatcher.stop()
         hosts.stop()

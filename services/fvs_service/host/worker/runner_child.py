@@ -29,7 +29,6 @@ _START_S = 300.0
 """The first start on a machine compiles the kernels."""
 _RESPONSE_S = 2.0
 _POLL_S = 0.1
-_UNANSWERED = 3
 _LOG_BYTES = 10_000_000
 """A larger log is put aside when the runner starts; the one before it is lost."""
 
@@ -53,7 +52,6 @@ class RunnerChild:
         folder.mkdir(parents=True, exist_ok=True)
         self.scene_id = scene_id
         self._writing = threading.Lock()
-        self._unanswered = 0
         order = RunnerOrder(scene_id=scene_id, parent=os.getpid(), address=address, settings=settings)
         self._process = spawner.submit(_spawn, folder / "runner.log", order).result()
         started = self._wait_until_started(give_up)
@@ -80,22 +78,14 @@ class RunnerChild:
         with self._writing:
             child_process.write(self._process, ".")
 
-    def idle_s(self) -> float:
-        """The time since its last request or job; 0 when it does not respond."""
+    def idle_s(self) -> float | None:
+        """The time since its last request or job; None when it does not respond."""
         try:
-            status = RunnerStatus.model_validate(self._call(Ping()))
+            return RunnerStatus.model_validate(self._call(Ping())).idle_s
         except RunnerGoneError:
-            self._unanswered += 1
-            return 0.0
+            return None
         except RunnerError:
             return 0.0
-        self._unanswered = 0
-        return status.idle_s
-
-    @property
-    def deaf(self) -> bool:
-        """Whether it has answered none of several calls of ``idle_s`` in a row."""
-        return self._unanswered >= _UNANSWERED
 
     def forget_images(self) -> bool:
         """Have the images forgotten that it keeps in memory; returns False when a job runs, or it is gone."""
