@@ -111,7 +111,7 @@ def simulate_vehicle(
         typer.Option(
             min=0.0, max=1_000.0, metavar="S", help="How long the GPS receiver has no fix after the start."
         ),
-    ] = 0.0,
+    ] = 8.0,
     camera_reports: Annotated[
         CameraReports,
         typer.Option(

@@ -106,7 +106,7 @@ class Autopilot:
         }
         self._mission, self._protocol = lists[MISSION], MissionProtocol(board, lists)
         self._failsafes = Failsafes(board, self._pilot, fence)
-        reports = Reports(board, self._receiver, mission, lambda: len(self._mission.items))
+        reports = Reports(board, self._receiver, mission)
         others = {**shutter.autopilots_messages, **gimbal.messages}
         beat = shutter.messages[mavlink.MAVLINK_MSG_ID_HEARTBEAT] if shutter.speaks else None
         self._telemetry = Telemetry(board, reports, speed_up, others, beat)

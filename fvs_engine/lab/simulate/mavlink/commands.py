@@ -126,6 +126,8 @@ class Commands:
         if command in _REQUESTS:
             self._telemetry.answer(_REQUESTS[command])
             return _ACCEPTED
+        if command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT and not self._has(item):
+            return _DENIED
         if command in self._commands:
             done = self._commands[command](item, message)
             if done:
@@ -187,6 +189,10 @@ class Commands:
         place = self._board.place
         position = item.position(place.origin, place.home_height_m, self._board.vehicle.believed)
         return bool(np.isfinite(position).all()) and self._pilot.go_to(position, change_mode=change_mode)
+
+    def _has(self, item: Item) -> bool:
+        """Whether the mission has an item of the number in a command."""
+        return 0 <= _whole(item.parameters[0]) < self._pilot.mission.count
 
     def _set_current(self, item: Item, _message: Any) -> bool:
         mission = self._pilot.mission

@@ -196,6 +196,10 @@ _PX4 = Firmware(
     parameters=(
         Parameter("BAT_CRIT_THR", 0.15),
         Parameter("BAT_EMERGEN_THR", 0.03),
+        Parameter("COM_LOW_BAT_ACT", 3.0, _WHOLE_32, fixed=True),  # it returns, and lands when it is empty
+        Parameter("GF_ACTION", 0.0, _WHOLE_32, fixed=True),
+        Parameter("GF_MAX_HOR_DIST", 0.0, fixed=True),
+        Parameter("GF_MAX_VER_DIST", 0.0, fixed=True),
         Parameter("MIS_TAKEOFF_ALT", 2.5),
         Parameter("MPC_XY_CRUISE", 5.0),
         Parameter("NAV_ACC_RAD", 1.0),

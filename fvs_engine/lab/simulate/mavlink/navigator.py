@@ -214,6 +214,7 @@ class Navigator:
         self.goal.yaw_deg = yaw_deg
         way = self.goal.position[:2] - before[:2]
         if self._board.firmware.turns_at_waypoints:
+            self.rising = True  # PX4 takes off by itself where a mission has no takeoff
             if math.isfinite(item.parameters[3]):
                 self.goal.yaw_deg = item.parameters[3] % 360.0
             return

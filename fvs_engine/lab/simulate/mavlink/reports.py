@@ -5,6 +5,7 @@ from collections.abc import Callable
 
 import numpy as np
 
+from fvs_engine.lab.simulate.mavlink.attitude import level_quaternion
 from fvs_engine.lab.simulate.mavlink.board import Board
 from fvs_engine.lab.simulate.mavlink.camera import BEGAN_S
 from fvs_engine.lab.simulate.mavlink.dialect import mavlink
@@ -32,10 +33,8 @@ _NO_POSITION = (
 class Reports:
     """Sends messages of the autopilot; ``sends`` has what sends each."""
 
-    def __init__(
-        self, board: Board, receiver: Receiver, mission: Sequencer, total: Callable[[], int]
-    ) -> None:
-        self._board, self._receiver, self._mission, self._total = board, receiver, mission, total
+    def __init__(self, board: Board, receiver: Receiver, mission: Sequencer) -> None:
+        self._board, self._receiver, self._mission = board, receiver, mission
         self._last = (0, 0, 0, 0)
         """The last known position: zeros before the first fix."""
         self.sends: dict[int, Callable[[], None]] = {
@@ -43,6 +42,7 @@ class Reports:
             mavlink.MAVLINK_MSG_ID_GLOBAL_POSITION_INT: self._position,
             mavlink.MAVLINK_MSG_ID_LOCAL_POSITION_NED: self._local_position,
             mavlink.MAVLINK_MSG_ID_ATTITUDE: self._attitude,
+            mavlink.MAVLINK_MSG_ID_ATTITUDE_QUATERNION: self._attitude_quaternion,
             mavlink.MAVLINK_MSG_ID_SYS_STATUS: self._status,
             mavlink.MAVLINK_MSG_ID_EXTENDED_SYS_STATE: self._extended_state,
             mavlink.MAVLINK_MSG_ID_MISSION_CURRENT: lambda: self.current(self._mission.current),
@@ -63,7 +63,7 @@ class Reports:
     def current(self, number: int) -> None:
         """Send the number of the current item, which may be one that somebody has asked for."""
         first = int(self._board.firmware.home_is_first)
-        total, in_mission = max(0, self._total() - first), int(self._board.state.mode is Mode.MISSION)
+        total, in_mission = max(0, self._mission.count - first), int(self._board.state.mode is Mode.MISSION)
         self._board.emit("mission_current", number, total, self._mission.state, in_mission)
 
     def time_answer(self, message: object) -> None:
@@ -110,6 +110,10 @@ class Reports:
     def _attitude(self) -> None:
         yaw = math.radians((self._board.vehicle.yaw_deg + 180.0) % 360.0 - 180.0)
         self._board.emit("attitude", self._clock, 0.0, 0.0, yaw, 0.0, 0.0, 0.0)
+
+    def _attitude_quaternion(self) -> None:
+        quaternion = level_quaternion(self._board.vehicle.yaw_deg, 0.0)
+        self._board.emit("attitude_quaternion", self._clock, *quaternion, 0.0, 0.0, 0.0)
 
     def _status(self) -> None:
         state = self._board.state

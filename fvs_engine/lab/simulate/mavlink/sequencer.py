@@ -42,6 +42,11 @@ class Sequencer:
         self._reached: int | None = None
 
     @property
+    def count(self) -> int:
+        """Number of items, with home where that is one."""
+        return len(self._items())
+
+    @property
     def running(self) -> bool:
         """Whether a mission is flown."""
         return self.progress is Progress.ACTIVE
@@ -50,7 +55,7 @@ class Sequencer:
     def state(self) -> int:
         """``MISSION_STATE``."""
         first = int(self._board.firmware.home_is_first)
-        return int(self.progress) if len(self._items()) > first else int(mavlink.MISSION_STATE_NO_MISSION)
+        return int(self.progress) if self.count > first else int(mavlink.MISSION_STATE_NO_MISSION)
 
     def stop(self) -> None:
         """Stay at the current item."""
