@@ -96,7 +96,7 @@ class Ledger:
             record_milestone(session, job_id, name, document)
 
     def needs(self, lease: Lease, job_id: str, work: Work) -> None:
-        """Record what a running job needs next: a worker that does it."""
+        """Record what a running job needs next."""
         with self._database.writing() as session:
             require_lease(session, lease)
             repository.change_running(session, job_id, work=work.value)

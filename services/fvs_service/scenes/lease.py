@@ -138,5 +138,5 @@ def _changed(result: object) -> bool:
 def _stale(lease: Lease) -> StaleLeaseError:
     return StaleLeaseError(
         f"Worker {lease.worker_id} has lost the lease of scene {lease.scene_id} (token {lease.token}).",
-        hint="Stop: another worker has the scene.",
+        hint="Stop: another worker, or host, has the scene.",
     )

@@ -134,6 +134,35 @@ def test_a_runner_that_answers_no_ping_is_killed_while_a_job_uses_it(
             scenes.stop()
 
 
+def test_asking_how_long_a_runner_has_been_idle_does_not_use_up_its_patience(
+    gateway: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """A host on a cluster asks each second; three unanswered pings end a runner, one for each lease."""
+
+    class Child(SimpleNamespace):
+        def __init__(self, *_: Any) -> None:
+            super().__init__(alive=True, endpoint="127.0.0.1:9/secret", backend="cpu")
+
+        def extend(self) -> None: ...
+
+        def idle_s(self) -> None:
+            return None
+
+        def kill(self) -> None: ...
+
+        def retire(self, _patience_s: float) -> None: ...
+
+    monkeypatch.setattr(leased_scenes, "RunnerChild", Child)
+    scenes = LeasedScenes(gateway.application.storage, "ours")
+    try:
+        with scenes.with_runner(gateway.scene(), 1, lambda: False) as leased:
+            assert leased is not None
+            assert [scenes.idle_s() for _ in range(10)] == [0.0] * 10
+            assert leased.unanswered <= 1
+    finally:
+        scenes.stop()
+
+
 @pytest.mark.system
 @pytest.mark.process
 def test_a_runner_listens_where_its_worker_says(gateway: Any) -> None:

@@ -94,7 +94,7 @@ class SceneJobs:
     ) -> JobOutcome | None:
         """Run a job; a repeated call resumes it from its last checkpoint. Raises ``EngineError``.
 
-        None when the request leaves the training to another worker, which continues from the checkpoint.
+        None when the request leaves the training to another host, which continues from the checkpoint.
         """
         try:
             if request.request.kind is not JobKind.UPDATE:

@@ -7,7 +7,7 @@ of recovery, each for what the one before it does not mend:
    (``fvs_engine.sfm.culprit``), the worker quarantines it, and the attempt goes on without it.
 2. A process died: the attempt starts again in the same turn, from its last checkpoint (``StartAgain``).
 3. Memory or disk space is lacking, or it is the turn of other jobs: the attempt goes on in a later turn
-   (``Paused``), or on a worker that does other work (``LeftToAnother``).
+   (``Paused``), or on another host of its scene (``LeftToAnother``).
 4. There is no progress in ``turns.MAX_STARTS`` starts: the attempt fails (``Failed``); a client may retry it.
 """
 
@@ -62,7 +62,7 @@ class Paused:
 
 @dataclass(frozen=True)
 class LeftToAnother:
-    """The turn ends: a worker that does this work goes on."""
+    """The turn ends: another host of the scene, which does this work, goes on."""
 
     work: Work
 
