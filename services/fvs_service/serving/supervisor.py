@@ -185,7 +185,7 @@ class Supervisor:
             return
         if status == EXIT_REPLACED:
             raise ConflictError(
-                f"Another fvs serve runs {child.name} on this database now.",
+                f"Another fvs serve runs the worker {child.name} on this database now.",
                 hint="One of them is enough: stop the other one before you start this one again.",
             )
         lived_s = time.monotonic() - child.started

@@ -77,4 +77,4 @@ def test_a_service_ends_with_the_reason_when_another_one_has_become_its_worker(
         with open_storage(settings) as storage:
             Heartbeats(storage.database, "worker-0").beat()
         assert service.wait(30) == 2
-        assert "Another fvs serve runs worker-0 on this database now." in service.stderr.read()
+        assert "Another fvs serve runs the worker worker-0 on this database now." in service.stderr.read()
