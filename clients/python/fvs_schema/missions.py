@@ -45,6 +45,8 @@ class MissionFormat(Word):
     """Items of MAVSDK's plugin `mission`, as JSON: for PX4."""
     KML = "kml"
     """KML 2.2: for Google Earth, with the camera of each view."""
+    BRIEFING = "briefing"
+    """A picture of the flight, as SVG: to brief a pilot."""
     GEOJSON = "geojson"
     """RFC 7946: for maps."""
     CSV = "csv"
@@ -66,6 +68,7 @@ class MissionFormat(Word):
             MissionFormat.LITCHI_CSV,
             MissionFormat.MAVSDK,
             MissionFormat.KML,
+            MissionFormat.BRIEFING,
         )
 
 

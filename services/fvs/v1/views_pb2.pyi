@@ -73,6 +73,7 @@ class MissionFormat(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     MISSION_FORMAT_NERFSTUDIO: _ClassVar[MissionFormat]
     MISSION_FORMAT_LITCHI_CSV: _ClassVar[MissionFormat]
     MISSION_FORMAT_KML: _ClassVar[MissionFormat]
+    MISSION_FORMAT_BRIEFING: _ClassVar[MissionFormat]
 
 class Autopilot(int, metaclass=_enum_type_wrapper.EnumTypeWrapper):
     __slots__ = ()
@@ -150,6 +151,7 @@ MISSION_FORMAT_ROS_POSESTAMPED: MissionFormat
 MISSION_FORMAT_NERFSTUDIO: MissionFormat
 MISSION_FORMAT_LITCHI_CSV: MissionFormat
 MISSION_FORMAT_KML: MissionFormat
+MISSION_FORMAT_BRIEFING: MissionFormat
 AUTOPILOT_UNSPECIFIED: Autopilot
 AUTOPILOT_ARDUPILOT: Autopilot
 AUTOPILOT_PX4: Autopilot

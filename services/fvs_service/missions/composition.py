@@ -93,18 +93,21 @@ class Composer:
         home, climb_m = self._home(), None
         if home is not None and self._options.takeoff:
             climb_m = self._climb(waypoints[0]) + offset_m
-        moved = tuple(
-            replace(
-                point,
-                altitude_m=point.altitude_m + offset_m,
-                above_ground_m=self._above_ground(point),
+
+        def moved(points: Sequence[Waypoint]) -> tuple[Waypoint, ...]:
+            return tuple(
+                replace(
+                    point,
+                    altitude_m=point.altitude_m + offset_m,
+                    above_ground_m=self._above_ground(point),
+                )
+                for point in points
             )
-            for point in waypoints
-        )
+
         way = [*self._way_from_home(legs[0])[:-1], *self._between(legs)]
         way += self._way_to_home(legs[-1].view, via_home)[1:]
         return Mission(
-            *(name, datum, moved, home, climb_m, self._options),
+            *(name, datum, moved(waypoints), home, climb_m, self._options, moved(way)),
             length_m=length_m(way),
             duration_s=self._flying_s(way) + len(legs) * self._at_view_s + self._landing_s,
         )
@@ -181,7 +184,7 @@ class Composer:
 
     @staticmethod
     def _above_home(home: Place, point: Waypoint, altitude_m: float) -> Waypoint:
-        return replace(point, latitude_deg=home[0], longitude_deg=home[1], altitude_m=altitude_m)
+        return replace(point, name=None, latitude_deg=home[0], longitude_deg=home[1], altitude_m=altitude_m)
 
     def _at_home(self, above: Waypoint) -> Sequence[Waypoint]:
         """Home on the ground, if its altitude is known."""

@@ -44,7 +44,8 @@ class Mission:
     """A flight through ``waypoints``, in their order, whose altitudes are above ``datum``.
 
     ``climb_m`` is the altitude to take off to; None without a known home, or when the vehicle is in the air.
-    ``length_m`` and ``duration_s`` are those of the flight, from home and back to it where that is known.
+    ``way`` is all of the flight, from home and back to it where that is known, and ``length_m`` and
+    ``duration_s`` are its.
     """
 
     name: str
@@ -53,6 +54,7 @@ class Mission:
     home: Home | None
     climb_m: float | None
     options: MissionOptions
+    way: tuple[Waypoint, ...]
     length_m: float
     duration_s: float
 

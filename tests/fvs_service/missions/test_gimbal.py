@@ -17,7 +17,7 @@ from fvs_schema.missions import MissionFile, MissionOptions, MissionView
 from fvs_schema.poses import FramePose
 
 HOME = {"home_latitude_deg": 46.02, "home_longitude_deg": 7.75, "home_altitude_m": 500.0}
-OF_GIMBALS = ("qgc-plan", "qgc-wpl", "dji-kmz", "litchi-csv", "mavsdk", "kml")
+OF_GIMBALS = ("qgc-plan", "qgc-wpl", "dji-kmz", "litchi-csv", "mavsdk", "kml", "briefing")
 OTHERS = ("csv", "geojson", "ros-posearray", "ros-posestamped")
 
 

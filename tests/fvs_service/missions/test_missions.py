@@ -57,6 +57,7 @@ def test_a_file_has_a_name_a_type_and_the_ranked_candidates_in_order(gateway: An
         ("litchi-csv", "litchi.csv", "text/csv; charset=utf-8"),
         ("mavsdk", "mavsdk.json", "application/json"),
         ("kml", "kml", "application/vnd.google-earth.kml+xml"),
+        ("briefing", "briefing.svg", "image/svg+xml"),
         ("ros-posearray", "posearray.json", "application/json"),
         ("ros-posestamped", "posestamped.json", "application/json"),
         ("nerfstudio", "transforms.json", "application/json"),

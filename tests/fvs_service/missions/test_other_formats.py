@@ -174,7 +174,17 @@ def test_robots_need_metres_and_no_latitude() -> None:
         with pytest.raises(InvalidRequestError, match="The scene has no metres, which ROS needs") as refused:
             _written(AlignmentStatus.MODEL, format=name)
         assert "GPS" in refused.value.hint
-    for name in ("qgc-plan", "qgc-wpl", "dji-kmz", "litchi-csv", "mavsdk", "kml", "csv", "geojson"):
+    for name in (
+        "qgc-plan",
+        "qgc-wpl",
+        "dji-kmz",
+        "litchi-csv",
+        "mavsdk",
+        "kml",
+        "briefing",
+        "csv",
+        "geojson",
+    ):
         with pytest.raises(InvalidRequestError, match="not georeferenced"):
             _written(AlignmentStatus.ALIGNED, format=name)
 

@@ -2266,7 +2266,7 @@ export interface components {
          * @description What a mission is written for.
          * @enum {string}
          */
-        MissionFormat: "qgc-plan" | "qgc-wpl" | "dji-kmz" | "litchi-csv" | "mavsdk" | "kml" | "geojson" | "csv" | "ros-posearray" | "ros-posestamped" | "nerfstudio";
+        MissionFormat: "qgc-plan" | "qgc-wpl" | "dji-kmz" | "litchi-csv" | "mavsdk" | "kml" | "briefing" | "geojson" | "csv" | "ros-posearray" | "ros-posestamped" | "nerfstudio";
         /**
          * MissionRequest
          * @description Views to photograph, in the order of the flight; or photographs of a snapshot to take again.
@@ -6288,6 +6288,7 @@ export interface operations {
                 content: {
                     "application/vnd.google-earth.kml+xml": string;
                     "application/vnd.google-earth.kmz": string;
+                    "image/svg+xml": string;
                     "text/csv": string;
                     "text/plain": string;
                     "application/json": unknown;
@@ -6389,6 +6390,7 @@ export interface operations {
                 content: {
                     "application/vnd.google-earth.kml+xml": string;
                     "application/vnd.google-earth.kmz": string;
+                    "image/svg+xml": string;
                     "text/csv": string;
                     "text/plain": string;
                     "application/json": unknown;
@@ -6492,6 +6494,7 @@ export interface operations {
                 content: {
                     "application/vnd.google-earth.kml+xml": string;
                     "application/vnd.google-earth.kmz": string;
+                    "image/svg+xml": string;
                     "text/csv": string;
                     "text/plain": string;
                     "application/json": unknown;

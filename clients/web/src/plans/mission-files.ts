@@ -13,6 +13,8 @@ export interface MissionPart {
   content: Blob;
   parts: number;
   route: Route | null;
+  /** The request for its picture to brief a pilot; poses have none. */
+  briefing: MissionCall | null;
   leftOut: readonly LeftOut[];
 }
 
@@ -58,12 +60,20 @@ async function partsOfOne(
 ): Promise<MissionPart[]> {
   const parts: MissionPart[] = [];
   for (let part = 1; part <= (parts[0]?.parts ?? 1); part++) {
-    parts.push(await missionPart(missionCall(form, material, part), signal));
+    const file = await missionPart(missionCall(form, material, part), signal);
+    const briefing = file.route && missionCall({ ...form, format: "briefing" }, material, part);
+    parts.push({ ...file, briefing });
   }
   return parts;
 }
 
-async function missionPart(call: MissionCall, signal: AbortSignal): Promise<MissionPart> {
+/** The picture of a part, which the pilot is briefed with. Throws `ServiceError`. */
+export async function briefingOf(call: MissionCall, name: string): Promise<{ name: string; content: Blob }> {
+  const { content } = await missionPart(call, new AbortController().signal);
+  return { name: `${name.replace(/\.[^.]+$/, "")}.briefing.svg`, content };
+}
+
+async function missionPart(call: MissionCall, signal: AbortSignal): Promise<Omit<MissionPart, "briefing">> {
   const response = await send(call.path, {
     signal,
     ...(call.body && {

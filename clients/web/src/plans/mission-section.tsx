@@ -4,11 +4,12 @@ import { Failure } from "../components/failure";
 import { CheckField, NumberField, SelectField } from "../components/fields";
 import { formatDuration, formatLength } from "../components/format";
 import { capabilities } from "../store/capabilities";
+import { report } from "../store/notices";
 import type { SceneProps, SceneStore } from "../store/scene";
 import { strings } from "../strings";
 import { FlightFields } from "./flight-fields";
 import { HomeFields } from "./home-fields";
-import { allLeftOut, flying, type MissionPart } from "./mission-files";
+import { allLeftOut, briefingOf, flying, type MissionPart } from "./mission-files";
 import {
   isFlown,
   isMavlink,
@@ -186,6 +187,11 @@ function Files({ store }: SceneProps) {
                 </span>
               )}
             </span>
+            {part.briefing && (
+              <button type="button" onClick={() => void brief(part).catch(report)}>
+                {texts.briefing}
+              </button>
+            )}
             <button type="button" onClick={() => saveAs(part.content, part.name)}>
               {texts.download}
             </button>
@@ -209,6 +215,12 @@ function Files({ store }: SceneProps) {
       )}
     </div>
   );
+}
+
+async function brief({ briefing, name }: MissionPart): Promise<void> {
+  if (!briefing) return;
+  const picture = await briefingOf(briefing, name);
+  saveAs(picture.content, picture.name);
 }
 
 /** Save all files, one after the other: browsers drop downloads that begin at once. */

@@ -76,6 +76,7 @@ export const en = {
       "litchi-csv": "Litchi (.csv)",
       mavsdk: "MAVSDK, for PX4 (JSON)",
       kml: "Google Earth (.kml)",
+      briefing: "A briefing of the pilot (.svg)",
       geojson: "Maps: GeoJSON",
       csv: "Tables: CSV",
       "ros-posearray": "ROS 2 PoseArray (JSON)",
@@ -163,6 +164,7 @@ export const en = {
       `${length} and about ${time} in the air, ${plural(batteries, "battery", "batteries")}.`,
     part: (views: number, length: string, time: string) =>
       `${plural(views, "view", "views")}, ${length}, about ${time}`,
+    briefing: "Briefing",
     download: "Download",
     downloadAll: "Download all",
     leftOut: (count: number) => `${plural(count, "view is", "views are")} left out:`,

@@ -9,6 +9,7 @@ from fvs_schema.scenes import AltitudeDatum
 from fvs_service.missions.camera_poses import CameraPoses
 from fvs_service.missions.flight import Mission
 from fvs_service.missions.formats import (
+    briefing,
     dji_kmz,
     geojson,
     kml,
@@ -67,6 +68,9 @@ WRITERS: dict[MissionFormat, MissionWriter | PoseWriter] = {
     MissionFormat.MAVSDK: MissionWriter("MAVSDK", ".mavsdk.json", _JSON, mavsdk.DATUMS, mavsdk.write),
     MissionFormat.KML: MissionWriter(
         "KML", ".kml", "application/vnd.google-earth.kml+xml", kml.DATUMS, kml.write, "shown"
+    ),
+    MissionFormat.BRIEFING: MissionWriter(
+        "A briefing", ".briefing.svg", "image/svg+xml", _ALL, briefing.write, "flown"
     ),
     MissionFormat.GEOJSON: MissionWriter("GeoJSON", ".geojson", "application/geo+json", _ALL, geojson.write),
     MissionFormat.CSV: MissionWriter("CSV", ".csv", _CSV, _ALL, table.write),
