@@ -224,7 +224,7 @@ def _run(kind: str, chance: random.Random, out: Path, number: int) -> dict[str, 
 
 def _command(url: str, scene_id: str, vehicle: str, camera: Path, log: Path) -> list[str]:
     survey = f"{HOME.latitude_deg},{HOME.longitude_deg},30,13"
-    program = [str(BIN / "fvs-client"), "--url", url, "fly", scene_id, "--vehicle", vehicle]
+    program = [str(BIN / "fvs-client"), "--url", url, "fly", scene_id, "--yes", "--vehicle", vehicle]
     program += ["--photographs", str(camera), "--log", str(log), "--views", str(VIEWS), "--method", "kriging"]
     program += [
         "--generator",

@@ -1,18 +1,21 @@
-"""Checks before takeoff: the battery, and the failsafe for lost ground stations."""
+"""Checks before takeoff: the battery, and the checklist."""
 
-import struct
+import time
 from contextlib import ExitStack
 from pathlib import Path
 from typing import Any
 
 import pytest
-from flights import Flown
+from flights import SURVEY, Flown
 from fvs_client import Scene
-from fvs_client.fly.checks import warn_of_failsafe
+from fvs_client.fly.checklist import Check, checklist
 from fvs_client.fly.flight import Ending
-from fvs_client.fly.log import FlightLog
+from fvs_client.fly.settings import FlightSettings
 from fvs_client.fly.vehicle import Vehicle
+from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as mavlink
+
+from fvs_engine.lab.simulate.vehicle import Wind
 
 pytestmark = pytest.mark.process
 
@@ -69,36 +72,86 @@ def test_a_vehicle_without_a_battery_is_flown_without_a_reserve(
     assert any("reports no battery" in text for text in texts) is warned
 
 
-@pytest.mark.parametrize(
-    ("firmware", "name", "value", "warning"),
-    [
-        ("ardupilot", "FS_GCS_ENABLE", 0.0, "FS_GCS_ENABLE is 0"),
-        ("ardupilot", "FS_GCS_ENABLE", 1.0, None),
-        ("ardupilot", "FS_GCS_ENABLE", None, "does not tell FS_GCS_ENABLE"),
-        ("px4", "NAV_DLL_ACT", 0.0, "NAV_DLL_ACT is 0"),
-        ("px4", "NAV_DLL_ACT", struct.unpack("<f", struct.pack("<i", 2))[0], None),  # as PX4 sends integers
-    ],
-)
-def test_a_failsafe_that_is_off_is_warned_of(
-    simulated: Any, relay: Any, firmware: str, name: str, value: float | None, warning: str | None
-) -> None:
-    def edit(message: Any) -> list[Any]:
-        if message.get_type() != "PARAM_VALUE":
-            return [message]
-        assert message.param_id == name
-        if value is None:
-            return []
-        return [_of_vehicle(mavlink.MAVLink_param_value_message(name.encode(), value, 6, 1, 0))]
+def _set(url: str, parameters: dict[str, float]) -> None:
+    """Change parameters as a ground station does, and wait until they are changed."""
+    station = mavutil.mavlink_connection(url, source_system=252)
+    for name, value in parameters.items():
+        station.mav.param_set_send(1, 1, name.encode(), value, mavlink.MAV_PARAM_TYPE_REAL32)
+        while station.recv_match(type="PARAM_VALUE", blocking=True, timeout=5.0).param_id != name:
+            pass
+    station.close()
 
-    said: list[str] = []
-    with simulated(firmware=firmware) as simulator:
-        link = relay(simulator.url)
-        link.edit = edit
-        with Vehicle(link.url) as vehicle:
-            warn_of_failsafe(vehicle, FlightLog(None, said.append))
-    if warning is None:
-        assert said == []
-    else:
-        [text] = said
-        assert warning in text
-        assert "between two missions" in text
+
+def _found(vehicle: Vehicle, **settings: Any) -> dict[str, Check]:
+    wanted = FlightSettings("north", 5, **settings)
+    return {check.what: check for check in checklist(vehicle, wanted, vehicle.equipment())}
+
+
+def test_a_failsafe_that_counts_a_station_that_is_heard_is_fine(simulated: Any) -> None:
+    with simulated() as simulator, Vehicle(simulator.url) as vehicle:
+        _set(simulator.url, {"FS_GCS_ENABLE": 1.0})
+        station = mavutil.mavlink_connection(simulator.url, source_system=255)
+        for _ in range(3):
+            station.mav.heartbeat_send(mavlink.MAV_TYPE_GCS, mavlink.MAV_AUTOPILOT_INVALID, 0, 0, 0)
+            time.sleep(0.1)
+        vehicle.wait(lambda: 255 in vehicle.stations, 5.0, "forwards no heartbeat")
+        found = _found(vehicle)
+        station.close()
+    assert found["lost ground station"].fine
+    assert "255" in found["who else commands"].found
+
+
+def test_what_prevents_arming_is_told_in_the_words_of_the_vehicle(simulated: Any) -> None:
+    with simulated() as simulator, Vehicle(simulator.url) as vehicle:
+        _set(simulator.url, {"FENCE_ALT_MAX": -5.0, "FENCE_TYPE": 1.0, "FENCE_ENABLE": 1.0})
+        check = _found(vehicle)["arming"]
+    assert not check.fine
+    assert check.found == "PreArm: Vehicle breaching Max Alt fence"
+
+
+def test_the_checklist_says_where_the_flight_may_go(simulated: Any) -> None:
+    around, elsewhere = "47.37,8.53;47.39,8.53;47.39,8.56;47.37,8.56", "47.47,8.53;47.49,8.53;47.49,8.55"
+    with simulated() as simulator, Vehicle(simulator.url) as vehicle:
+        _set(simulator.url, {"ARMING_CHECK": 0.0, "FENCE_ENABLE": 1.0})
+        limits = {"geofence": around, "lowest_height_m": 5.0, "highest_height_m": 60.0}
+        found = _found(vehicle, survey=SURVEY, mission=limits)
+        assert str(found["geofence"]) == "[ ok ] geofence: 4 corners, home is inside"
+        assert found["heights"].found == "5 m to 60 m above home"
+        assert found["arming"].remedy == "ARMING_CHECK 1"
+        assert found["vehicle's fence"].remedy == "FENCE_RADIUS: the flight may go 2005 m from home"
+        found = _found(vehicle, mission={"geofence": elsewhere})
+        assert "home is outside" in str(found["geofence"])
+        assert not found["geofence"].fine
+        found = _found(vehicle, survey=SURVEY)
+    assert found["geofence"].remedy == "--geofence"
+    assert found["heights"].found == "no lowest to 120 m above home"
+    assert "the survey and back 115 m, 1 min or more; 24 m from home at most" in found["distance"].found
+
+
+def test_a_strong_wind_and_a_vehicle_that_somebody_has_armed_are_named(simulated: Any) -> None:
+    with simulated(wind=Wind((0.0, 11.0))) as simulator, Vehicle(simulator.url) as vehicle:
+        vehicle.wait(lambda: vehicle.wind_m_s is not None, 5.0, "reports no wind")
+        vehicle.arm()
+        found = _found(vehicle)
+    assert "11.0 m/s" in found["wind"].found
+    assert not found["wind"].fine
+    assert found["arming"].found == "armed already"
+    assert not found["arming"].fine
+
+
+def test_whole_numbers_of_px4_are_read_from_their_bits(simulated: Any) -> None:
+    with simulated(firmware="px4") as simulator, Vehicle(simulator.url) as vehicle:
+        values = vehicle.parameters(["SYS_AUTOSTART", "NAV_ACC_RAD", "NO_SUCH"])
+    assert values == {"SYS_AUTOSTART": 4001.0, "NAV_ACC_RAD": 1.0}
+
+
+def test_a_checklist_that_is_not_confirmed_leaves_the_vehicle_on_the_ground(
+    simulated: Any, scene: Scene, url: str, tmp_path: Path
+) -> None:
+    with simulated() as simulator, ExitStack() as stack:
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl", confirm=lambda _checks: False)
+        result = flown.result()
+        assert simulator.autopilot.vehicle.flown_m == 0.0
+    assert result.ending is Ending.STOPPED
+    assert "checklist" in result.reason
+    assert len(flown.events("check")) > 10

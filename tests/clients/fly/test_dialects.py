@@ -48,5 +48,6 @@ def test_only_copters_of_known_firmware_are_flown() -> None:
     assert dialect_of(mavlink.MAV_AUTOPILOT_PX4, mavlink.MAV_TYPE_HEXAROTOR) is PX4
     with pytest.raises(VehicleError, match="firmware is not known"):
         dialect_of(mavlink.MAV_AUTOPILOT_GENERIC, mavlink.MAV_TYPE_QUADROTOR)
-    with pytest.raises(VehicleError, match="no copter"):
-        dialect_of(mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, mavlink.MAV_TYPE_FIXED_WING)
+    for kind in (mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_TYPE_GROUND_ROVER):
+        with pytest.raises(VehicleError, match="no copter"):
+            dialect_of(mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, kind)

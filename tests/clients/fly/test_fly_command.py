@@ -31,7 +31,7 @@ def run(url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Iterator[R
     handlers = {number: signal.getsignal(number) for number in (signal.SIGINT, signal.SIGTERM)}
 
     def run(*words: str, vehicle: str = "tcp:127.0.0.1:1", photographs: Path = tmp_path) -> Result:
-        given = ("--vehicle", vehicle, "--photographs", str(photographs), *words)
+        given = ("--yes", "--vehicle", vehicle, "--photographs", str(photographs), *words)
         return CliRunner().invoke(app, ["fly", *given])
 
     yield run

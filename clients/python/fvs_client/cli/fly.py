@@ -3,6 +3,7 @@
 import signal
 import sys
 import threading
+from collections.abc import Sequence
 from pathlib import Path
 from types import FrameType
 from typing import Annotated
@@ -31,6 +32,7 @@ from fvs_client.cli.output import print_json
 from fvs_client.cli.poses import GENERATOR, FlightGenerator, generator_of, read_candidates
 from fvs_client.cli.program import Target
 from fvs_client.cli.session import find_scene, service
+from fvs_client.fly.checklist import Check
 from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.flight import Ending, Flight, FlightSettings
 from fvs_client.fly.log import FlightLog
@@ -79,6 +81,12 @@ def fly(
         typer.Option(
             "--unchecked", help="Fly even if the vehicle reports no camera, no gimbal or no battery."
         ),
+    ] = False,
+    baud: Annotated[
+        int, typer.Option(min=1_200, max=4_000_000, metavar="N", help="Baud rate of a serial device.")
+    ] = 57_600,
+    yes: Annotated[
+        bool, typer.Option("--yes", "-y", help="Take off without asking whether the checklist is confirmed.")
     ] = False,
     take_over: Annotated[
         bool,
@@ -193,6 +201,7 @@ def fly(
 ) -> None:
     """Fly a vehicle from view to view: rank, fly, photograph, send, update the model, repeat.
 
+    Before takeoff it prints a checklist and asks whether to take off.
     Ctrl-C sends it home; a second one ends this program, and leaves the vehicle to its autopilot. Lines on a
     terminal: `pause`, `resume`, `home`. Needs the extra `fly` of fvs-client.
     """
@@ -254,9 +263,16 @@ def fly(
             photographs, found.id, url=target.url or DEFAULT_URL, api_key=target.api_key, say=say
         )
         try:
-            with Vehicle(vehicle, system=system, say=say) as connected, sending as sent:
-                flight = Flight(found, connected, sent, settings, FlightLog(log, say))
-                _listen(flight)
+            with Vehicle(vehicle, system=system, baud=baud, say=say) as connected, sending as sent:
+
+                def confirm(checks: Sequence[Check]) -> bool:
+                    agreed = yes or _agrees(checks)
+                    if agreed:
+                        _read_commands(flight)
+                    return agreed
+
+                flight = Flight(found, connected, sent, settings, FlightLog(log, say), confirm)
+                _come_home_on_signals(flight)
                 result = flight.fly()
         except SpoolError as error:
             raise VehicleError(str(error), hint=error.hint) from error
@@ -277,8 +293,16 @@ def _survey(text: str, target_m: float, count: int, start_deg: float, arc_deg: f
     return Survey(latitude, longitude, radius, height, target_m, count, start_deg=start_deg, arc_deg=arc_deg)
 
 
-def _listen(flight: Flight) -> None:
-    """Ctrl-C and SIGTERM send the vehicle home, once; on a terminal, lines are commands."""
+def _agrees(checks: Sequence[Check]) -> bool:
+    """Ask on the terminal whether to take off."""
+    if sys.stdin is None or not sys.stdin.isatty():
+        raise VehicleError("Nobody can confirm the checklist here.", hint="--yes takes off without asking.")
+    off = sum(not check.fine for check in checks)
+    return typer.confirm(f"{off} to look at. Take off?" if off else "Take off?", err=True)
+
+
+def _come_home_on_signals(flight: Flight) -> None:
+    """Ctrl-C and SIGTERM send the vehicle home, once."""
 
     def home(number: int, _frame: FrameType | None) -> None:
         signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
@@ -287,6 +311,10 @@ def _listen(flight: Flight) -> None:
     if threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGINT, home)
         signal.signal(signal.SIGTERM, home)
+
+
+def _read_commands(flight: Flight) -> None:
+    """Lines on a terminal are commands."""
     if sys.stdin is not None and sys.stdin.isatty():
         threading.Thread(target=_commands, args=(flight,), daemon=True).start()
 

@@ -1,23 +1,17 @@
-"""Checks before takeoff: camera, gimbal, battery, and the failsafe for lost ground stations."""
-
-import contextlib
+"""What a flight needs of a vehicle: camera, gimbal and battery."""
 
 from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.log import FlightLog
 from fvs_client.fly.settings import FlightSettings
-from fvs_client.fly.vehicle import Vehicle
+from fvs_client.fly.vehicle import Equipment, Vehicle
 
 _BATTERY_S = 3.0
 
 
-def require_equipment(vehicle: Vehicle, settings: FlightSettings) -> tuple[float, float] | None:
-    """Raise ``VehicleError`` for a vehicle without camera or gimbal.
-
-    Returns the gimbal's lowest and highest pitch; None where ``settings`` do not require one.
-    """
+def require_equipment(equipment: Equipment, settings: FlightSettings) -> None:
+    """Raise ``VehicleError`` for a vehicle without camera or gimbal, where ``settings`` require them."""
     if not settings.equipment:
-        return None
-    equipment = vehicle.equipment()
+        return
     for what, found in (("camera", equipment.camera), ("gimbal", equipment.gimbal_deg)):
         if found is None:
             raise VehicleError(
@@ -25,7 +19,6 @@ def require_equipment(vehicle: Vehicle, settings: FlightSettings) -> tuple[float
                 hint=f"Set up its {what} in the autopilot, or start its {what} manager. --unchecked "
                 "flies without.",
             )
-    return equipment.gimbal_deg
 
 
 def require_battery(vehicle: Vehicle, settings: FlightSettings, log: FlightLog) -> None:
@@ -46,19 +39,3 @@ def require_battery(vehicle: Vehicle, settings: FlightSettings, log: FlightLog) 
             hint="Set up its battery monitor in the autopilot. --unchecked flies without a reserve "
             "(--reserve), as does --reserve 0.",
         ) from error
-
-
-def warn_of_failsafe(vehicle: Vehicle, log: FlightLog) -> None:
-    """Warn where the vehicle would stay in the air if the link broke off between two missions."""
-    name, value = vehicle.dialect.lost_link, None
-    with contextlib.suppress(NoAnswerError):
-        value = vehicle.parameter(name)
-    if value is None:
-        is_what = f"The vehicle does not tell {name}, its failsafe for lost ground stations"
-        text = f"{is_what}. Where that is off, and the link breaks off"
-    elif value == 0.0:
-        text = f"{name} is 0: the failsafe for lost ground stations is off. Where the link breaks off"
-    else:
-        return
-    text += " between two missions or in a pause, the vehicle stays in the air there."
-    log.event("warning", f"Warning: {text}", vehicle.last_state, parameter=name)

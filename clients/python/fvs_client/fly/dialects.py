@@ -45,8 +45,6 @@ class Dialect:
     """Whether the first item of a mission is home; else missions are sent without it."""
     turns_at_waypoints: bool
     """Whether it turns to the yaw of a waypoint; else that takes ``MAV_CMD_CONDITION_YAW``."""
-    lost_link: str
-    """The parameter of its failsafe for lost ground stations; 0: none."""
     replaces_items: bool
     """Whether an upload replaces the items one by one, while the vehicle goes on with the list as it is; else
     it replaces all at its end, and the new mission begins at once."""
@@ -80,7 +78,6 @@ ARDUPILOT = Dialect(
     has_sub_modes=False,
     home_is_first=True,
     turns_at_waypoints=False,
-    lost_link="FS_GCS_ENABLE",
     replaces_items=True,
     # Its acceptance radius is WPNAV_RADIUS, and loiters have none.
     keeps={
@@ -104,7 +101,6 @@ PX4 = Dialect(
     has_sub_modes=True,
     home_is_first=False,
     turns_at_waypoints=True,
-    lost_link="NAV_DLL_ACT",
     replaces_items=False,
     keeps={Command.WAYPOINT: (0, 1, 3), Command.LOITER_TIME: (0,), Command.TAKEOFF: (3,)},
     also={_AUTO << 16 | 9 << 24: Mode.LAND},  # AUTO.PRECLAND

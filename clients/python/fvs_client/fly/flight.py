@@ -13,7 +13,8 @@ from collections.abc import Callable, Sequence
 
 from fvs_client import Candidate, ConflictError, FvsError, Job, Scene, VisitState
 from fvs_client.fly.captures import Capture
-from fvs_client.fly.checks import require_battery, require_equipment, warn_of_failsafe
+from fvs_client.fly.checklist import Check, checklist
+from fvs_client.fly.checks import require_battery, require_equipment
 from fvs_client.fly.choice import Choice
 from fvs_client.fly.dialects import Mode
 from fvs_client.fly.errors import NoAnswerError, VehicleError
@@ -44,7 +45,10 @@ _MOST_FAILED = 3
 
 
 class Flight:
-    """One flight of a vehicle for a scene; ``return_home``, ``pause`` and ``resume`` work at any time."""
+    """One flight of a vehicle for a scene; ``return_home``, ``pause`` and ``resume`` work at any time.
+
+    ``confirm`` gets the checklist before takeoff; where it returns False, the vehicle stays on the ground.
+    """
 
     def __init__(
         self,
@@ -53,8 +57,9 @@ class Flight:
         photographs: Photographs,
         settings: FlightSettings,
         log: FlightLog,
+        confirm: Callable[[Sequence[Check]], bool] = lambda _checks: True,
     ) -> None:
-        self._scene, self._vehicle = scene, vehicle
+        self._scene, self._vehicle, self._confirm = scene, vehicle, confirm
         self._photographs, self._settings, self._log = photographs, settings, log
         self._watch = Watch(vehicle, settings, log)
         self._choice = Choice(scene, vehicle, settings, self._watch, log)
@@ -166,13 +171,18 @@ class Flight:
         return sum(shot.failed for shot in self._shots)
 
     def _check(self) -> None:
-        """Raise ``VehicleError`` for a vehicle without the required equipment; warn of risks."""
+        """Go through the checklist. Raises ``VehicleError`` for a vehicle without the required equipment."""
         self._watch.require_going_on()
-        gimbal_deg = require_equipment(self._vehicle, self._settings)
-        if gimbal_deg is not None:
-            self._choice.limit_gimbal(*gimbal_deg)
+        equipment = self._vehicle.equipment()
+        require_equipment(equipment, self._settings)
+        if equipment.gimbal_deg is not None:
+            self._choice.limit_gimbal(*equipment.gimbal_deg)
         require_battery(self._vehicle, self._settings, self._log)
-        warn_of_failsafe(self._vehicle, self._log)
+        checks = checklist(self._vehicle, self._settings, equipment)
+        for check in checks:
+            self._log.event("check", str(check), what=check.what, fine=check.fine)
+        if not self._confirm(checks):
+            raise EndedError(Ending.STOPPED, "the checklist was not confirmed.")
 
     def _survey(self) -> None:
         """Fly the first photographs, if the scene has no model."""

@@ -75,6 +75,8 @@ class Link:
         self._target: tuple[int, int] | None = None
         self._heartbeats: dict[int, Any] = {}
         """The first heartbeat of each vehicle on the link."""
+        self.stations: frozenset[int] = frozenset()
+        """The system ids of the ground stations whose heartbeats arrive."""
         self._another = self._version_2 = False
         """Whether another client has our id, and whether the vehicle speaks MAVLink 2."""
         self._closed = False
@@ -247,6 +249,8 @@ class Link:
                 self._heartbeats.setdefault(message.get_srcSystem(), message)
             return
         if message.get_srcSystem() != self._target[0]:
+            if kind == "HEARTBEAT" and message.type == self.mavlink.MAV_TYPE_GCS:
+                self.stations |= {message.get_srcSystem()}
             return
         self._version_2 |= message.get_msgbuf()[0] == _VERSION_2
         if kind == "HEARTBEAT":

@@ -1,6 +1,8 @@
 """A vehicle that speaks MAVLink, an ArduPilot copter's or PX4's: its state, missions and commands."""
 
+import contextlib
 import math
+import struct
 import time
 from collections import deque
 from collections.abc import Callable, Sequence
@@ -60,6 +62,7 @@ class VehicleState:
     """The number of the mission item that it is at, in the list that was uploaded, whose first is home."""
     fix: int = 0
     """The kind of its GPS fix, ``GPS_FIX_TYPE``; 0 when it reports none."""
+    satellites: int = 0
 
     @property
     def located(self) -> bool:
@@ -179,14 +182,49 @@ class Vehicle:
         pitch = None if gimbal is None else (math.degrees(gimbal.pitch_min), math.degrees(gimbal.pitch_max))
         return Equipment(name, pitch)
 
-    def parameter(self, name: str) -> float | None:
-        """The value of a parameter; None when the autopilot does not report it.
+    def parameters(self, names: Sequence[str]) -> dict[str, float]:
+        """The values of those parameters that the autopilot has; it does not answer for others."""
+        with self._link.changed:
+            for name in names:
+                self._received.pop(name, None)
+        for _ in range(2):
+            missing = [name for name in names if name not in self._received]
+            for name in missing:
+                self._link.send("param_request_read_send", *self._link.target, name.encode(), -1)
+            with self._link.changed:
+                self._link.changed.wait_for(
+                    lambda missing=missing: all(name in self._received for name in missing),  # type: ignore[misc]
+                    _EQUIPMENT_S,
+                )
+        self._link.require_heard()
+        return {name: self._value(self._received[name]) for name in names if name in self._received}
 
-        PX4 sends the bits of whole numbers.
-        """
-        ask = ("param_request_read_send", *self._link.target, name.encode(), -1)
-        message = self._awaited(name, lambda: self._link.send(*ask))
-        return None if message is None else float(message.param_value)
+    def version(self) -> str | None:
+        """The version of its firmware; None when it does not report it."""
+        message = self._asked(self._mavlink.MAVLINK_MSG_ID_AUTOPILOT_VERSION, "AUTOPILOT_VERSION")
+        if message is None:
+            return None
+        return ".".join(str(message.flight_sw_version >> bits & 0xFF) for bits in (24, 16, 8))
+
+    def arming_objections(self) -> list[str]:
+        """Have it run its checks before arming; returns what fails in its own words."""
+        began_s = time.monotonic()
+        with contextlib.suppress(VehicleError):  # a firmware without the command
+            self.command(self._mavlink.MAV_CMD_RUN_PREARM_CHECKS)
+            time.sleep(_EQUIPMENT_S)
+        said = self.said(time.monotonic() - began_s)
+        return [text for text in said if text.startswith(("PreArm", "Arm:", "Preflight Fail"))]
+
+    @property
+    def stations(self) -> frozenset[int]:
+        """The system ids of the ground stations whose heartbeats arrive here."""
+        return self._link.stations
+
+    @property
+    def wind_m_s(self) -> float | None:
+        """Its estimate of the wind; None when it reports none."""
+        message = self._received.get("WIND")
+        return None if message is None else float(message.speed)
 
     def wait(self, condition: Callable[[], bool], timeout_s: float, what: str) -> None:
         """Wait until ``condition`` holds, which is checked after each message.
@@ -376,6 +414,16 @@ class Vehicle:
                     return self._received[name]
         return None
 
+    def _value(self, message: Any) -> float:
+        """The value of a ``PARAM_VALUE``: PX4 sends the bits of whole numbers."""
+        real = message.param_type in (
+            self._mavlink.MAV_PARAM_TYPE_REAL32,
+            self._mavlink.MAV_PARAM_TYPE_REAL64,
+        )
+        if real or self.dialect.autopilot is not Autopilot.PX4:
+            return float(message.param_value)
+        return float(struct.unpack("<i", struct.pack("<f", message.param_value))[0])
+
     def _ask_for_photograph(self, number: int) -> None:
         self._request(self._mavlink.MAVLINK_MSG_ID_CAMERA_IMAGE_CAPTURED, number)
 
@@ -398,7 +446,9 @@ class Vehicle:
                     mode_name=self._link.mode_name(message),
                 )
             case "GPS_RAW_INT":
-                self._state = replace(self._state, fix=message.fix_type)
+                self._state = replace(
+                    self._state, fix=message.fix_type, satellites=message.satellites_visible
+                )
             case "GLOBAL_POSITION_INT" if self._placed and (message.lat or message.lon):
                 yaw = math.nan if message.hdg == 65535 else message.hdg / 100.0
                 self._state = replace(
@@ -430,7 +480,7 @@ class Vehicle:
                     self._received[message.get_type()] = message
             case "PARAM_VALUE":
                 self._received[message.param_id] = message
-            case "CAMERA_INFORMATION" | "GIMBAL_MANAGER_INFORMATION":
+            case "CAMERA_INFORMATION" | "GIMBAL_MANAGER_INFORMATION" | "AUTOPILOT_VERSION" | "WIND":
                 if message.get_type() == "CAMERA_INFORMATION":
                     self._camera = message.get_srcComponent()
                 self._received[message.get_type()] = message

@@ -204,6 +204,7 @@ _PX4 = Firmware(
         Parameter("MPC_XY_CRUISE", 5.0),
         Parameter("NAV_ACC_RAD", 1.0),
         Parameter("NAV_DLL_ACT", 0.0, _WHOLE_32, fixed=True),
+        Parameter("NAV_RCL_ACT", 2.0, _WHOLE_32, fixed=True),
         Parameter("RTL_RETURN_ALT", 15.0),
         Parameter("SYS_AUTOSTART", 4001.0, _WHOLE_32),
     ),

@@ -109,7 +109,9 @@ class Links:
                     data, address = source.recvfrom(_READ_BYTES)
                     found.append((self._at(source, address), data))
             return found
-        peer = next(peer for peer in self._peers if peer.socket is source)
+        peer = next((peer for peer in self._peers if peer.socket is source), None)
+        if peer is None:  # it was disconnected since
+            return []
         try:
             data = source.recv(_READ_BYTES)
         except BlockingIOError:

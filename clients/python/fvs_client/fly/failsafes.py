@@ -1,0 +1,198 @@
+"""The vehicle's own failsafes and fence, as its parameters say; lines of the checklist.
+
+The actions are those of ArduCopter's and PX4's parameter references:
+https://ardupilot.org/copter/docs/parameters.html, https://docs.px4.io/main/en/advanced_config/parameter_reference.html.
+"""
+
+import math
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+
+_GCS_ACTIONS = (
+    "off",
+    "RTL",
+    "RTL",
+    "SmartRTL, else RTL",
+    "SmartRTL, else LAND",
+    "LAND",
+    "DO_LAND_START, else RTL",
+    "BRAKE, else LAND",
+)
+_REMOTE_ACTIONS = ("off", "RTL", "RTL", "LAND", *_GCS_ACTIONS[3:5], *_GCS_ACTIONS[6:])
+_LINK_ACTIONS = ("off", "hold", "return", "land", "off", "terminate", "disarm")
+_BATTERY_ACTIONS = ("warning only", "LAND", "RTL", *_GCS_ACTIONS[3:5], "terminate", *_GCS_ACTIONS[6:])
+_LOW_BATTERY_ACTIONS = ("warning only", "return", "land", "return, then land")
+_FENCE_ACTIONS = (
+    "report only",
+    "RTL, else LAND",
+    "LAND",
+    "SmartRTL, else RTL or LAND",
+    "BRAKE, else LAND",
+    "SmartRTL, else LAND",
+)
+_GEOFENCE_ACTIONS = ("off", "warning only", "hold", "return", "terminate", "land")
+_CONTINUES_MISSION = 2
+"""Bit of ``FS_OPTIONS``."""
+_CEILING, _CIRCLE = 1, 2
+"""Bits of ``FENCE_TYPE``."""
+ARDUPILOT = (
+    "ARMING_CHECK",
+    "ARMING_SKIPCHK",  # from 4.7 on
+    "BATT_FS_CRT_ACT",
+    "BATT_FS_LOW_ACT",
+    "BATT_LOW_MAH",
+    "BATT_LOW_VOLT",
+    "FENCE_ACTION",
+    "FENCE_ALT_MAX",
+    "FENCE_ENABLE",
+    "FENCE_RADIUS",
+    "FENCE_TYPE",
+    "FS_GCS_ENABLE",
+    "FS_OPTIONS",
+    "FS_THR_ENABLE",
+    "MAV_GCS_SYSID",  # from 4.7 on
+    "RTL_ALT",
+    "RTL_ALT_M",  # after 4.7
+    "SYSID_MYGCS",
+)
+PX4 = (
+    "COM_LOW_BAT_ACT",
+    "GF_ACTION",
+    "GF_MAX_HOR_DIST",
+    "GF_MAX_VER_DIST",
+    "NAV_DLL_ACT",
+    "NAV_RCL_ACT",
+    "RTL_RETURN_ALT",
+)
+
+
+@dataclass(frozen=True)
+class Check:
+    """One line of the checklist; ``remedy`` says how to change what is missing or off."""
+
+    what: str
+    found: str
+    remedy: str = ""
+
+    @property
+    def fine(self) -> bool:
+        """Whether nothing is missing or off."""
+        return not self.remedy
+
+    def __str__(self) -> str:
+        mark, more = (" ok ", "") if self.fine else ("LOOK", f" -> {self.remedy}")
+        return f"[{mark}] {self.what}: {self.found}{more}"
+
+
+@dataclass(frozen=True)
+class Reach:
+    """How far from home, and how high above it, a flight may go, in m."""
+
+    away_m: float
+    highest_m: float
+
+
+def ardupilot(values: Mapping[str, float], stations: frozenset[int], reach: Reach) -> Iterator[Check]:
+    """ArduCopter's, from its parameters; ``stations`` are the ground stations that are heard."""
+    yield _ground_station(values, stations)
+    off = not values.get("FS_THR_ENABLE", 0.0)
+    action = _action(values, "FS_THR_ENABLE", _REMOTE_ACTIONS)
+    yield Check("lost remote control", action, "FS_THR_ENABLE 1" if off else "")
+    yield _low_battery(values)
+    yield _fence(values, reach)
+    name = "RTL_ALT_M" if "RTL_ALT_M" in values else "RTL_ALT"
+    yield _return_height(values.get(name, math.nan) / (1.0 if name == "RTL_ALT_M" else 100.0), name)
+
+
+def px4(values: Mapping[str, float], stations: frozenset[int], reach: Reach) -> Iterator[Check]:
+    """PX4's, from its parameters; ``stations`` are the ground stations that are heard."""
+    link = _action(values, "NAV_DLL_ACT", _LINK_ACTIONS)
+    if not values.get("NAV_DLL_ACT", 0.0):
+        yield Check("lost ground station", link, "NAV_DLL_ACT 2: in a pause nothing else brings it home")
+    elif not stations:
+        yield Check("lost ground station", f"{link}, but none is heard", "connect one: this program is none")
+    else:
+        yield Check("lost ground station", link)
+    off = not values.get("NAV_RCL_ACT", 0.0)
+    action = _action(values, "NAV_RCL_ACT", _LINK_ACTIONS)
+    yield Check("lost remote control", action, "NAV_RCL_ACT 2" if off else "")
+    off = not values.get("COM_LOW_BAT_ACT", 0.0)
+    battery = _action(values, "COM_LOW_BAT_ACT", _LOW_BATTERY_ACTIONS)
+    yield Check("low battery", battery, "COM_LOW_BAT_ACT 3" if off else "")
+    away_m, top_m = values.get("GF_MAX_HOR_DIST", 0.0), values.get("GF_MAX_VER_DIST", 0.0)
+    found = _action(values, "GF_ACTION", _GEOFENCE_ACTIONS)
+    found += f"; {away_m:.0f} m around home, up to {top_m:.0f} m (0: no limit)"
+    remedy = ""
+    if not values.get("GF_ACTION", 0.0) or not (away_m or top_m):
+        remedy = "GF_ACTION 3, GF_MAX_HOR_DIST, GF_MAX_VER_DIST"
+    elif 0.0 < away_m < reach.away_m:
+        remedy = f"GF_MAX_HOR_DIST: the flight may go {reach.away_m:.0f} m from home"
+    elif 0.0 < top_m < reach.highest_m:
+        remedy = f"GF_MAX_VER_DIST: the flight may go up to {reach.highest_m:.0f} m"
+    yield Check("vehicle's fence", found, remedy)
+    yield _return_height(values.get("RTL_RETURN_ALT", math.nan), "RTL_RETURN_ALT")
+
+
+def _ground_station(values: Mapping[str, float], stations: frozenset[int]) -> Check:
+    what, action = "lost ground station", _action(values, "FS_GCS_ENABLE", _GCS_ACTIONS)
+    name = "MAV_GCS_SYSID" if "MAV_GCS_SYSID" in values else "SYSID_MYGCS"
+    counted = values.get(name)
+    if not values.get("FS_GCS_ENABLE", 0.0):
+        return Check(what, action, "FS_GCS_ENABLE 1: in a pause nothing else brings it home")
+    if counted is None:
+        return Check(what, f"{action}, of an unknown station ({name} is not told)", name)
+    if round(counted) not in stations:
+        heard = ", ".join(map(str, sorted(stations))) or "none"
+        found = f"{action}, but only of system {counted:.0f} ({name}), which is not heard (heard: {heard})"
+        return Check(what, found, f"connect that ground station, or {name}: else it never acts")
+    goes_on = int(values.get("FS_OPTIONS", 0.0)) & _CONTINUES_MISSION
+    more = "but continues missions" if goes_on else "also on missions"
+    return Check(what, f"{action}, {more} (FS_OPTIONS); of system {counted:.0f} ({name})")
+
+
+def _low_battery(values: Mapping[str, float]) -> Check:
+    low, critical = (
+        _action(values, name, _BATTERY_ACTIONS) for name in ("BATT_FS_LOW_ACT", "BATT_FS_CRT_ACT")
+    )
+    limits = [
+        f"{values[name]:g} {unit} ({name})"
+        for name, unit in (("BATT_LOW_VOLT", "V"), ("BATT_LOW_MAH", "mAh"))
+        if values.get(name, 0.0) > 0.0
+    ]
+    found = f"{low} at {' or '.join(limits) or 'no limit'}; critical: {critical}"
+    if not values.get("BATT_FS_LOW_ACT", 0.0):
+        return Check("low battery", found, "BATT_FS_LOW_ACT 2")
+    return Check("low battery", found, "" if limits else "BATT_LOW_VOLT or BATT_LOW_MAH: else it never acts")
+
+
+def _fence(values: Mapping[str, float], reach: Reach) -> Check:
+    """ArduPilot's fence against where the flight may go."""
+    what = "vehicle's fence"
+    if not values.get("FENCE_ENABLE", 0.0):
+        return Check(what, "off", "FENCE_ENABLE 1, FENCE_RADIUS, FENCE_ALT_MAX")
+    kinds = int(values.get("FENCE_TYPE", 0.0))
+    radius_m, top_m = values.get("FENCE_RADIUS", math.inf), values.get("FENCE_ALT_MAX", math.inf)
+    found = _action(values, "FENCE_ACTION", _FENCE_ACTIONS)
+    found += f"; {radius_m:.0f} m around home" if kinds & _CIRCLE else ""
+    found += f", up to {top_m:.0f} m" if kinds & _CEILING else ""
+    if not values.get("FENCE_ACTION", 0.0):
+        return Check(what, found, "FENCE_ACTION 1")
+    if kinds & _CIRCLE and reach.away_m > radius_m:
+        return Check(what, found, f"FENCE_RADIUS: the flight may go {reach.away_m:.0f} m from home")
+    if kinds & _CEILING and reach.highest_m > top_m:
+        return Check(what, found, f"FENCE_ALT_MAX: the flight may go up to {reach.highest_m:.0f} m")
+    return Check(what, found)
+
+
+def _return_height(height_m: float, name: str) -> Check:
+    if not height_m > 0.0:
+        return Check("way home", "at the height where it is", f"{name}: it is to be above all obstacles")
+    return Check("way home", f"at {height_m:.0f} m above home or higher ({name}): above all obstacles?")
+
+
+def _action(values: Mapping[str, float], name: str, actions: Sequence[str]) -> str:
+    value = values.get(name)
+    if value is None:
+        return f"not told ({name})"
+    number = round(value)
+    return f"{actions[number] if 0 <= number < len(actions) else 'unknown'} ({name} {number})"
