@@ -157,3 +157,19 @@ def test_a_pilot_who_takes_a_returning_vehicle_keeps_it() -> None:
         come_home(vehicle)
     assert ended.value.ending is Ending.PILOT
     assert vehicle.told == []
+
+
+def test_a_mission_that_has_returned_begins_anew_before_the_motors_are_off() -> None:
+    """So ArduPilot tells it: item 0 comes before the heartbeat that says disarmed."""
+
+    class Landing(Played):
+        states = iter([(1, True), (0, True), (0, False)])
+
+        @property
+        def state(self) -> VehicleState:
+            item, armed = next(self.states)
+            return replace(self.last_state, item=item, armed=armed)
+
+    vehicle = Landing(lambda _mode, _times: None)
+    assert come_home(vehicle) == ["The vehicle has landed."]
+    assert vehicle.told == []

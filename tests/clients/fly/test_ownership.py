@@ -136,7 +136,7 @@ def test_a_pilot_who_takes_a_vehicle_that_starts_keeps_it() -> None:
 
 def test_nothing_is_ours_after_a_release() -> None:
     watched = Watched()
-    watched.watch.release()
+    watched.watch.release(Mode.RETURN)
     state = VehicleState(armed=True, mode=Mode.MISSION, item=3)
     assert watched.watch.control(state) is Control.OTHERS
 

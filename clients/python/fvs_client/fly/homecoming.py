@@ -44,7 +44,7 @@ class Homecoming:
                         self._command()
                         until_s = time.monotonic() + self._settings.leg_s
                     case Control.RETURNING:
-                        self._watch.release()  # whoever changes its mode from now on
+                        self._watch.release(state.mode)  # whoever changes its mode from now on
                 self._watch.paused.clear()
                 if time.monotonic() > until_s:
                     raise self._lost(f"it is in the air after {self._settings.leg_s:.0f} s.")

@@ -61,13 +61,16 @@ class Watch:
         self.lost = False
         """Whether the vehicle was silent for too long."""
         self._commanded: frozenset[Mode] = frozenset()
+        self._returns_in: Mode | None = None
         self._home = vehicle.home
 
     def control(self, state: VehicleState) -> Control:
         """Who commands the vehicle. A return that is an item of a mission leaves ArduPilot in AUTO."""
         if not state.armed:
             return Control.LANDED
-        if state.mode in _RETURNING or (state.mode is Mode.MISSION and self._has_waited(state)):
+        if state.mode in (*_RETURNING, self._returns_in):
+            return Control.RETURNING
+        if state.mode is Mode.MISSION and self._has_waited(state):
             return Control.RETURNING
         return Control.OURS if state.mode in self._commanded else Control.OTHERS
 
@@ -78,9 +81,12 @@ class Watch:
         yield
         self._commanded = frozenset({mode})
 
-    def release(self) -> None:
-        """Command nothing any more, whatever the mode becomes."""
-        self._commanded = frozenset()
+    def release(self, mode: Mode) -> None:
+        """Command nothing any more: it returns in ``mode``, whatever its item.
+
+        ArduPilot goes to item 0 when it has landed, before it says that it is disarmed.
+        """
+        self._commanded, self._returns_in = frozenset(), mode
 
     def flies(self) -> None:
         """The vehicle flies its mission."""
