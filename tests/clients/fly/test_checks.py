@@ -15,6 +15,7 @@ from fvs_client.fly.vehicle import Vehicle
 from pymavlink import mavutil
 from pymavlink.dialects.v20 import common as mavlink
 
+from fvs_engine.lab.simulate.mavlink.autopilot import Setup
 from fvs_engine.lab.simulate.vehicle import Wind
 
 pytestmark = pytest.mark.process
@@ -107,6 +108,14 @@ def test_what_prevents_arming_is_told_in_the_words_of_the_vehicle(simulated: Any
         check = _found(vehicle)["arming"]
     assert not check.fine
     assert check.found == "PreArm: Vehicle breaching Max Alt fence"
+
+
+def test_a_camera_on_a_wire_has_no_name(simulated: Any) -> None:
+    """ArduPilot answers for it with an empty one."""
+    with simulated(setup=Setup(camera_reports="feedback")) as simulator, Vehicle(simulator.url) as vehicle:
+        camera = _found(vehicle)["camera"]
+    assert camera.fine
+    assert camera.found == "on a wire, without a name"
 
 
 def test_the_checklist_says_where_the_flight_may_go(simulated: Any) -> None:

@@ -114,7 +114,10 @@ def _geofence(vehicle: Vehicle, settings: FlightSettings) -> Check:
 
 def _equipment(equipment: Equipment) -> Iterator[Check]:
     camera, gimbal = equipment.camera, equipment.gimbal_deg
-    yield Check("camera", camera or "none reports itself", "" if camera else "CAM1_TYPE, or a camera manager")
+    if camera is None:
+        yield Check("camera", "none reports itself", "CAM1_TYPE, or a camera manager")
+    else:
+        yield Check("camera", camera or "on a wire, without a name")
     pitch = "none reports itself" if gimbal is None else f"pitch {gimbal[0]:.0f}° to {gimbal[1]:.0f}°"
     yield Check("gimbal", pitch, "" if gimbal else "MNT1_TYPE, or a gimbal manager")
 
