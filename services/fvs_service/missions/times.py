@@ -11,6 +11,8 @@ from fvs_service.missions.flight import Waypoint
 
 TURN_S = 4.0
 """An ArduCopter turns by up to 180° in this time, at its 60°/s by default."""
+SETTLE_S = 1.0
+"""PX4 goes on when it has turned to within 12° (``MIS_YAW_ERR``): in this time the turn ends."""
 AFTER_PHOTOGRAPH_S = 1.0
 """Time for which a camera is kept still after the command to take a photograph."""
 LANDING_S = 20.0

@@ -87,8 +87,9 @@ def test_px4_turns_at_waypoints_and_starts_captures() -> None:
     assert math.isnan(items[1].parameters[3])  # the takeoff keeps its yaw
     waypoints = [item for item in items[1:] if item.command == Command.WAYPOINT]
     assert [item.parameters[3] for item in waypoints] == pytest.approx([180.0, 300.0, 60.0])
-    assert all(item.parameters[0] > 0.0 for item in waypoints)  # it stands still before the photograph
     captures = [item for item in items if item.command == Command.IMAGE_START_CAPTURE]
+    before = [items[items.index(capture) - 1] for capture in captures]  # it stands still after the turn
+    assert [(item.command, item.parameters[0]) for item in before] == [(Command.DELAY, 2.0)] * 3
     assert [item.parameters for item in captures] == [(0.0, 0.0, 1.0, float(n)) for n in (1, 2, 3)]
     assert not {item.command for item in items} & {Command.CONDITION_YAW, Command.DIGICAM_CONTROL}
 

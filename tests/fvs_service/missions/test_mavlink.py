@@ -178,10 +178,20 @@ def test_speed_hold_and_radius_are_in_the_items(flights: Any, file: Path) -> Non
         assert (speed.param1, speed.param2) == (1.0, 3.5)
         waypoints = [item for item in items if item.command == mavlink.MAV_CMD_NAV_WAYPOINT]
         assert {item.param2 for item in waypoints} == {0.75}
-        held, for_s = (
-            (mavlink.MAV_CMD_NAV_WAYPOINT, 2.5) if autopilot == "px4" else (mavlink.MAV_CMD_NAV_DELAY, 6.5)
-        )
-        assert [item for item in items if item.command == held and item.param1 == for_s]
+        assert {item.param1 for item in waypoints} == {0.0}  # PX4 counts it while it turns
+        delays = [item.param1 for item in items if item.command == mavlink.MAV_CMD_NAV_DELAY]
+        assert set(delays) == {1.0, 2.5 if autopilot == "px4" else 6.5}
+
+
+def test_px4_has_turned_before_the_photograph(flights: Any, file: Path) -> None:
+    """It goes on within 12° of the yaw: a delay lasts until the turn has ended, also without a hold."""
+    items = _loaded(flights[0].write(format="qgc-wpl", autopilot="px4", hold_s=0.0), file)
+    captures = [n for n, item in enumerate(items) if item.command == mavlink.MAV_CMD_IMAGE_START_CAPTURE]
+    assert captures
+    for number in captures:
+        turns, held = items[number - 2 : number]
+        assert (turns.command, held.command) == (mavlink.MAV_CMD_NAV_WAYPOINT, mavlink.MAV_CMD_NAV_DELAY)
+        assert held.param1 == 1.0
 
 
 def test_a_copter_of_ardupilot_has_turned_before_the_photograph(flights: Any, file: Path) -> None:

@@ -101,11 +101,12 @@ class Survey:
         pitch_deg = math.degrees(math.atan2(target_m - at[2], self.radius_m))
         place = {"x": at[0], "y": at[1], "z": at[2]}
         yield MissionItem(Command.MOUNT_CONTROL, Frame.MISSION, (pitch_deg, 0.0, 0.0, 0.0), z=_TARGETING)
+        yield MissionItem(Command.WAYPOINT, Frame.RELATIVE, (0.0, 1.0, 0.0, yaw_deg), **place)
         if dialect.turns_at_waypoints:
-            yield MissionItem(Command.WAYPOINT, Frame.RELATIVE, (_STILL_S, 1.0, 0.0, yaw_deg), **place)
+            # PX4 counts a waypoint's hold while it turns, and goes on when it has turned to within 12°.
+            yield _delay(_STILL_S)
             yield MissionItem(Command.IMAGE_START_CAPTURE, Frame.MISSION, (0.0, 0.0, 1.0, float(number + 1)))
         else:
-            yield MissionItem(Command.WAYPOINT, Frame.RELATIVE, (0.0, 1.0, 0.0, yaw_deg), **place)
             yield MissionItem(Command.CONDITION_YAW, Frame.MISSION, (yaw_deg, 0.0, 0.0, 0.0))
             yield _delay(_TURN_S + _STILL_S)
             yield MissionItem(Command.DIGICAM_CONTROL, Frame.MISSION, x=1.0)

@@ -201,6 +201,8 @@ _PX4 = Firmware(
         Parameter("GF_MAX_HOR_DIST", 0.0, fixed=True),
         Parameter("GF_MAX_VER_DIST", 0.0, fixed=True),
         Parameter("MIS_TAKEOFF_ALT", 2.5),
+        Parameter("MIS_YAW_ERR", 12.0),
+        Parameter("MIS_YAW_TMT", -1.0),
         Parameter("MPC_XY_CRUISE", 5.0),
         Parameter("NAV_ACC_RAD", 1.0),
         Parameter("NAV_DLL_ACT", 0.0, _WHOLE_32, fixed=True),

@@ -99,7 +99,8 @@ class Navigator:
                 here_m = self._board.vehicle.believed[2] - self._board.place.home_height_m
                 return bool(here_m >= _TAKEOFF_SHARE * height_m)
             case mavlink.MAV_CMD_NAV_WAYPOINT | mavlink.MAV_CMD_NAV_LOITER_TIME:
-                return self._waited(item.parameters[0], self._there(item))
+                # PX4 counts the time from the position on, also while it turns.
+                return self._waited(item.parameters[0], self._there(item)) and self._faces(item)
             case mavlink.MAV_CMD_NAV_DELAY:
                 return self._waited(item.parameters[0], True)
             case mavlink.MAV_CMD_NAV_LOITER_UNLIM:
@@ -112,7 +113,7 @@ class Navigator:
                     self.descend()
                 return self._landing and self._board.landed
             case mavlink.MAV_CMD_CONDITION_YAW:
-                return self._turned
+                return self._off_deg <= _YAW_DEG
         return True
 
     def do(self, item: Item) -> bool:
@@ -177,19 +178,26 @@ class Navigator:
         return np.zeros(3) if home is None else home
 
     @property
-    def _turned(self) -> bool:
-        off_deg = (self.goal.yaw_deg - self._board.vehicle.yaw_deg + 180.0) % 360.0 - 180.0
-        return abs(off_deg) <= _YAW_DEG
+    def _off_deg(self) -> float:
+        return abs((self.goal.yaw_deg - self._board.vehicle.yaw_deg + 180.0) % 360.0 - 180.0)
 
     def _off_m(self) -> Array:
         return self.goal.position - self._board.vehicle.believed
 
     def _there(self, item: Item) -> bool:
-        """Whether it is at a waypoint; ArduPilot has one radius for all."""
+        """Whether it is at the position of a waypoint; ArduPilot has one radius for all."""
         parameters, turns = self._board.parameters, self._board.firmware.turns_at_waypoints
         own_m = item.parameters[1] if turns and item.command == mavlink.MAV_CMD_NAV_WAYPOINT else 0.0
         radius_m = own_m if own_m > 0.0 else parameters.of(Meaning.RADIUS)
-        return float(np.linalg.norm(self._off_m())) <= radius_m and (self._turned or not turns)
+        return float(np.linalg.norm(self._off_m())) <= radius_m
+
+    def _faces(self, item: Item) -> bool:
+        """Whether it has turned to the yaw of a waypoint as far as it waits for that."""
+        parameters = self._board.parameters
+        waits = self._board.firmware.turns_at_waypoints and math.isfinite(item.parameters[3])
+        if not waits or parameters.named("MIS_YAW_TMT") > 0.0:
+            return True
+        return self._off_deg <= parameters.named("MIS_YAW_ERR")
 
     def _waited(self, seconds: float, there: bool) -> bool:
         """Whether it has been ``there`` for so long."""

@@ -12,7 +12,7 @@ from fvs_schema.missions import Autopilot, Finish
 from fvs_schema.scenes import AltitudeDatum
 from fvs_service.errors import InvalidRequestError
 from fvs_service.missions.flight import Mission, Waypoint
-from fvs_service.missions.times import AFTER_PHOTOGRAPH_S, TURN_S
+from fvs_service.missions.times import AFTER_PHOTOGRAPH_S, SETTLE_S, TURN_S
 
 DATUMS = frozenset({AltitudeDatum.TAKEOFF, AltitudeDatum.SEA_LEVEL})
 _MOST_ITEMS = 65_535
@@ -94,18 +94,19 @@ def _items(mission: Mission) -> Iterator[Item]:
     photographs = 0
     for waypoint in mission.waypoints:
         if waypoint.name is None:
-            yield _waypoint(mission, waypoint, 0.0)
+            yield _waypoint(mission, waypoint)
             continue
         photographs += 1
         # The gimbal turns on the way. What comes after a waypoint is done once it is reached.
         yield _command(Command.DO_MOUNT_CONTROL, waypoint.pitch_deg, last=_TARGETING)
-        if px4:  # turns to the waypoint's yaw
-            yield _waypoint(mission, waypoint, options.hold_s)
+        yield _waypoint(mission, waypoint)
+        if px4:
+            # It turns to the waypoint's yaw, and counts its hold meanwhile: a delay begins after it.
+            yield _delay(max(SETTLE_S, options.hold_s))
             yield _command(Command.IMAGE_START_CAPTURE, 0.0, 0.0, 1.0, float(photographs))
         else:
             # It ignores a yaw of waypoints. It turns beside the next NAV command, the delay, and at its end
             # drops what has not begun: a photograph in the same delay would be lost by a long turn.
-            yield _waypoint(mission, waypoint, 0.0)
             yield _command(Command.CONDITION_YAW, waypoint.yaw_deg)
             yield _delay(TURN_S + options.hold_s)
             yield _command(Command.DO_DIGICAM_CONTROL, fifth=1.0)
@@ -114,7 +115,7 @@ def _items(mission: Mission) -> Iterator[Item]:
         yield _command(Command.NAV_RETURN_TO_LAUNCH)
 
 
-def _waypoint(mission: Mission, waypoint: Waypoint, hold_s: float) -> Item:
+def _waypoint(mission: Mission, waypoint: Waypoint) -> Item:
     frame, altitude_m = frame_of(mission), waypoint.altitude_m
     if frame is Frame.GLOBAL_TERRAIN_ALT:
         assert waypoint.above_ground_m is not None, "waypoints without terrain were refused"
@@ -123,7 +124,7 @@ def _waypoint(mission: Mission, waypoint: Waypoint, hold_s: float) -> Item:
     return Item(
         Command.NAV_WAYPOINT,
         frame,
-        (hold_s, mission.options.acceptance_radius_m, 0.0, waypoint.yaw_deg, *place),
+        (0.0, mission.options.acceptance_radius_m, 0.0, waypoint.yaw_deg, *place),
     )
 
 

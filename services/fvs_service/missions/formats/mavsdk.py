@@ -14,6 +14,7 @@ from fvs_schema.missions import Autopilot, Finish
 from fvs_schema.scenes import AltitudeDatum
 from fvs_service.errors import InvalidRequestError
 from fvs_service.missions.flight import Mission, Waypoint
+from fvs_service.missions.times import SETTLE_S
 
 DATUMS = frozenset({AltitudeDatum.TAKEOFF})
 
@@ -46,7 +47,7 @@ def _item(mission: Mission, waypoint: Waypoint) -> dict[str, Any]:
         "gimbal_pitch_deg": waypoint.pitch_deg,
         "gimbal_yaw_deg": 0.0,  # to the vehicle's
         "camera_action": "CAMERA_ACTION_TAKE_PHOTO" if is_view else "CAMERA_ACTION_NONE",
-        "loiter_time_s": options.hold_s if is_view else 0.0,
+        "loiter_time_s": max(SETTLE_S, options.hold_s) if is_view else 0.0,  # a delay after the turn
         "camera_photo_interval_s": 1.0,
         "acceptance_radius_m": options.acceptance_radius_m,
         "yaw_deg": waypoint.yaw_deg,
