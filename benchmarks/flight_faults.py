@@ -164,7 +164,7 @@ def _run(kind: str, chance: random.Random, out: Path, number: int) -> dict[str, 
     arguments = ["--size", "480", "360", "--speed-up", str(SPEED_UP), "--seed", str(number), *FIELD]
     arguments += ["--endurance", str(chance.randrange(250, 450) if kind == "battery" else 90_000)]
     if kind == "photograph fails":
-        arguments += ["--fail", str(after)]
+        arguments += ["--fail", str(after + 1)]  # the first is the test photograph before takeoff
     with tempfile.TemporaryDirectory(prefix="fvs-faults-") as name, ExitStack() as stack:
         folder = Path(name)
         camera = folder / "camera"
@@ -204,7 +204,7 @@ def _run(kind: str, chance: random.Random, out: Path, number: int) -> dict[str, 
             text=True,
             check=False,
         )
-        taken = Counter(f"sha256:{sha256(path.read_bytes()).hexdigest()}" for path in camera.glob("*.jpg"))
+        taken = Counter(f"sha256:{sha256(path.read_bytes()).hexdigest()}" for path in _photographs(camera))
         with Client(service.url) as client:
             kept = Counter(image.digest for image in client.scenes.get(scene_id).images.list())
     return {
@@ -220,6 +220,11 @@ def _run(kind: str, chance: random.Random, out: Path, number: int) -> dict[str, 
         "complete": kept == taken and sum(taken.values()) >= after and sent.returncode == 0,
         "seconds": seconds,
     }
+
+
+def _photographs(camera: Path) -> list[Path]:
+    """The photographs of a flight, without the test photograph before takeoff, which is not sent."""
+    return sorted(camera.glob("*.jpg"))[1:]
 
 
 def _command(url: str, scene_id: str, vehicle: str, camera: Path, log: Path) -> list[str]:

@@ -189,7 +189,7 @@ def _measured(
             {
                 "registered": len(poses),
                 "photographs": photographs,
-                "flown_m": truth[photographs - 1].flown_m,
+                "flown_m": truth[photographs].flown_m,  # the first is the test photograph
                 "psnr_db": float(np.mean(scores)),
                 "worst_db": float(np.min(scores)),
                 "alignment_rms": report.rms / report.transform.scale,

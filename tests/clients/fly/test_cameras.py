@@ -2,15 +2,20 @@
 
 from contextlib import ExitStack
 from pathlib import Path
+from types import SimpleNamespace
 from typing import Any
 
 import pytest
 from flights import Flown, working
 from fvs_client import Scene, VisitState
+from fvs_client.fly.captures import Capture
+from fvs_client.fly.checks import try_camera
+from fvs_client.fly.dialects import ARDUPILOT
 from fvs_client.fly.flight import Ending
-from fvs_client.fly.vehicle import Vehicle
+from fvs_client.fly.vehicle import Equipment, Vehicle, VehicleState
 
 from fvs_engine.lab.simulate.mavlink.autopilot import Setup
+from fvs_engine.lab.simulate.mavlink.flight_state import Faults
 
 pytestmark = pytest.mark.process
 
@@ -48,11 +53,14 @@ def test_photographs_and_views_find_each_other(
     assert len(list(scene.images.list())) == 7
     goes = [name for event in flown.events("goes") for name in event["candidates"]]
     photographs = {event["file"]: event.get("candidate") for event in flown.events("photograph")}
-    assert photographs == {f"{n:05d}.jpg": view for n, view in enumerate([*[None] * 3, *goes])}
+    assert photographs == {f"{n:05d}.jpg": view for n, view in enumerate([*[None] * 3, *goes], start=1)}
     assert {visit.candidate_id: visit.state for visit in scene.visits()} == dict.fromkeys(
         goes, VisitState.TAKEN
     )
     assert not flown.events("failed")
+    name = "on a wire, without a name" if reports in ("feedback", "none") else "fvs simulated"
+    [camera] = [event["text"] for event in flown.events("check") if event["what"] == "camera"]
+    assert camera == f"[ ok ] camera: {name}; photographs: 00000.jpg"
 
 
 @pytest.mark.parametrize("firmware", ["ardupilot", "px4"])
@@ -64,3 +72,69 @@ def test_a_photograph_on_the_ground(simulated: Any, firmware: str) -> None:
         vehicle.wait(lambda: bool(found.extend(vehicle.captures()) or found), 10.0, "reports nothing")
         assert found[0].succeeded
         assert len(list(simulator.folder.glob("*.jpg"))) == 1
+
+
+@pytest.mark.parametrize(
+    ("settings", "found"),
+    [
+        ({}, "reports that its photograph failed -> its storage and its mode"),
+        ({"no_camera": True}, "refuses to photograph: The autopilot answers MAV_CMD_DO_DIGICAM_CONTROL"),
+    ],
+)
+def test_a_camera_that_does_not_photograph_is_seen_on_the_ground(
+    simulated: Any, scene: Scene, url: str, tmp_path: Path, settings: dict[str, Any], found: str
+) -> None:
+    faults = Faults(failing_photographs={0}, **settings)
+    with simulated(faults=faults) as simulator, ExitStack() as stack:
+        flown = Flown(
+            stack,
+            simulator,
+            scene,
+            url,
+            tmp_path / "flight.jsonl",
+            confirm=lambda checks: all(check.fine for check in checks if check.what == "camera"),
+            equipment=False,
+        )
+        assert flown.result().ending is Ending.STOPPED
+        assert simulator.autopilot.vehicle.flown_m == 0.0
+    [camera] = [event["text"] for event in flown.events("check") if event["what"] == "camera"]
+    assert camera.startswith("[LOOK]")
+    assert found in camera
+
+
+def _tried(monkeypatch: pytest.MonkeyPatch, captures: list[Capture], **state: Any) -> str:
+    """The line of the checklist where no file comes."""
+    monkeypatch.setattr("fvs_client.fly.checks._PHOTOGRAPH_S", 0.3)
+    heard = iter([[], captures])
+    commands: list[str] = []
+    vehicle = SimpleNamespace(
+        state=VehicleState(**state),
+        dialect=ARDUPILOT,
+        captures=lambda: next(heard, []),
+        photograph=lambda: commands.append("photograph"),
+        recover_captures=lambda: commands.append("recover"),
+    )
+    photographs = SimpleNamespace(tested=lambda: None, folder=Path("camera"))
+    line = str(try_camera(vehicle, Equipment("", None), photographs, lambda: None))  # type: ignore[arg-type]
+    assert commands == ([] if state else ["photograph", "recover"])
+    return line
+
+
+def test_a_camera_without_an_answer_and_one_without_a_file_are_told_apart(
+    monkeypatch: pytest.MonkeyPatch,
+) -> None:
+    wire = "on a wire, without a name"
+    assert (
+        _tried(monkeypatch, [])
+        == f"[LOOK] camera: {wire}; does not photograph: no report and no file in 0 s -> CAM1_TYPE, its "
+        "cable and its trigger"
+    )
+    assert (
+        _tried(monkeypatch, [Capture(0, True, "")])
+        == f"[LOOK] camera: {wire}; reports a photograph, but no file came into camera -> --photographs, or "
+        "how the files of the camera come there"
+    )
+    assert (
+        _tried(monkeypatch, [], armed=True)
+        == f"[ ok ] camera: {wire}; not tried, because the vehicle is armed"
+    )

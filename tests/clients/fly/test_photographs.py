@@ -8,6 +8,7 @@ from fvs_client.fly.photographs import Photographs
 from fvs_client.spool import Outbox, Refusal, Settings, State
 from fvs_client.spool.folder import find_file
 from fvs_client.spool.outbox import FILE_NAME
+from fvs_client.spool.retrying import retry
 from fvs_client.spool.taking import take
 
 SCENE = "scn_1"
@@ -51,12 +52,14 @@ def test_the_test_photograph_is_not_sent_and_belongs_to_no_view(
     with Photographs(
         tmp_path, SCENE, url="http://127.0.0.1:9", api_key=None, say=said.append, settings=quick
     ) as photographs:
-        assert photographs.test(lambda: None, 0.2) is None
-        name = photographs.test(lambda: (tmp_path / "test.jpg").write_bytes(photograph(1)) and None, 30.0)
-        assert name == "test.jpg"
+        until = time.monotonic() + 30.0
+        with photographs.testing():
+            assert photographs.tested() is None
+            (tmp_path / "test.jpg").write_bytes(photograph(1))
+            while photographs.tested() != "test.jpg":
+                assert time.monotonic() < until
         (tmp_path / "view.jpg").write_bytes(photograph(2))
         arrived = []
-        until = time.monotonic() + 30.0
         while not arrived and time.monotonic() < until:
             arrived = photographs.arrived()
         assert [(one.file, one.succeeded) for one in arrived] == [("view.jpg", True)]
@@ -65,5 +68,8 @@ def test_the_test_photograph_is_not_sent_and_belongs_to_no_view(
             (number,) = [one.number for one in outbox.all() if one.name == "view.jpg"]
             outbox.refuse(number, Refusal("not-an-image", "It is no image."))
             assert [one.state for one in outbox.all()] == [State.REFUSED] * 2
+            assert outbox.counts()[State.REFUSED] == 1
         assert [(one.file, one.succeeded) for one in photographs.arrived()] == [("view.jpg", False)]
+    with Outbox(tmp_path / FILE_NAME) as outbox:
+        assert [one.name for one in retry(outbox)] == ["view.jpg"]
     assert any("test.jpg is not sent. It is the test photograph" in line for line in said)

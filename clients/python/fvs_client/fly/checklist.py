@@ -22,7 +22,7 @@ _PHOTOGRAPH_S = 8.0
 """Time that the vehicle holds still at a photograph of a survey."""
 
 
-def checklist(vehicle: Vehicle, settings: FlightSettings, equipment: Equipment) -> list[Check]:
+def checklist(vehicle: Vehicle, settings: FlightSettings, equipment: Equipment, camera: Check) -> list[Check]:
     """What a pilot checks before takeoff, in the order of a briefing; takes some seconds.
 
     Raises ``NoAnswerError`` for a vehicle that is silent.
@@ -35,7 +35,8 @@ def checklist(vehicle: Vehicle, settings: FlightSettings, equipment: Equipment) 
         *_vehicle(vehicle, values, ardupilot=ardupilot),
         *own(values, vehicle.stations, reach),
         *_flight(vehicle, settings, reach),
-        *_equipment(equipment),
+        camera,
+        _gimbal(equipment),
     ]
 
 
@@ -112,14 +113,10 @@ def _geofence(vehicle: Vehicle, settings: FlightSettings) -> Check:
     return Check("geofence", found, "" if inside else "--geofence: the way home leaves it")
 
 
-def _equipment(equipment: Equipment) -> Iterator[Check]:
-    camera, gimbal = equipment.camera, equipment.gimbal_deg
-    if camera is None:
-        yield Check("camera", "none reports itself", "CAM1_TYPE, or a camera manager")
-    else:
-        yield Check("camera", camera or "on a wire, without a name")
+def _gimbal(equipment: Equipment) -> Check:
+    gimbal = equipment.gimbal_deg
     pitch = "none reports itself" if gimbal is None else f"pitch {gimbal[0]:.0f}° to {gimbal[1]:.0f}°"
-    yield Check("gimbal", pitch, "" if gimbal else "MNT1_TYPE, or a gimbal manager")
+    return Check("gimbal", pitch, "" if gimbal else "MNT1_TYPE, or a gimbal manager")
 
 
 def _reach(vehicle: Vehicle, settings: FlightSettings) -> Reach:

@@ -1,11 +1,20 @@
 """What a flight needs of a vehicle: camera, gimbal and battery."""
 
+import time
+from collections.abc import Callable
+
+from fvs_client.fly.captures import Capture
 from fvs_client.fly.errors import NoAnswerError, VehicleError
+from fvs_client.fly.failsafes import Check
 from fvs_client.fly.log import FlightLog
+from fvs_client.fly.photographs import Photographs
 from fvs_client.fly.settings import FlightSettings
 from fvs_client.fly.vehicle import Equipment, Vehicle
+from fvs_schema.missions import Autopilot
 
 _BATTERY_S = 3.0
+_PHOTOGRAPH_S = 10.0
+_POLL_S = 0.1
 
 
 def require_equipment(equipment: Equipment, settings: FlightSettings) -> None:
@@ -39,3 +48,46 @@ def require_battery(vehicle: Vehicle, settings: FlightSettings, log: FlightLog) 
             hint="Set up its battery monitor in the autopilot. --unchecked flies without a reserve "
             "(--reserve), as does --reserve 0.",
         ) from error
+
+
+def try_camera(
+    vehicle: Vehicle, equipment: Equipment, photographs: Photographs, going_on: Callable[[], object]
+) -> Check:
+    """Take one photograph on the ground, and say whether its file comes within some seconds.
+
+    ``going_on`` is called meanwhile. Raises what it does, ``NoAnswerError``, and what ended the spool.
+    """
+    if equipment.camera is None:
+        name = "none reports itself"
+    else:
+        name = equipment.camera or "on a wire, without a name"
+    if vehicle.state.armed:
+        return Check("camera", f"{name}; not tried, because the vehicle is armed")
+    vehicle.captures()  # earlier ones
+    try:
+        vehicle.photograph()
+    except NoAnswerError:
+        raise
+    except VehicleError as error:
+        return Check("camera", f"{name}; refuses to photograph: {error.message}", _camera_setup(vehicle))
+    reports: list[Capture] = []
+    until = time.monotonic() + _PHOTOGRAPH_S
+    while (file := photographs.tested()) is None and time.monotonic() < until:
+        going_on()
+        reports += vehicle.captures()
+        if any(not report.succeeded for report in reports):
+            return Check("camera", f"{name}; reports that its photograph failed", "its storage and its mode")
+        time.sleep(_POLL_S)
+    vehicle.recover_captures()  # a report that was lost is not to come in flight
+    if file is not None:
+        return Check("camera", f"{name}; photographs: {file}")
+    if reports:
+        found = f"{name}; reports a photograph, but no file came into {photographs.folder}"
+        return Check("camera", found, "--photographs, or how the files of the camera come there")
+    found = f"{name}; does not photograph: no report and no file in {_PHOTOGRAPH_S:.0f} s"
+    return Check("camera", found, _camera_setup(vehicle))
+
+
+def _camera_setup(vehicle: Vehicle) -> str:
+    ardupilot = vehicle.dialect.autopilot is Autopilot.ARDUPILOT
+    return "CAM1_TYPE, its cable and its trigger" if ardupilot else "a camera manager, or the camera's power"

@@ -14,7 +14,7 @@ from collections.abc import Callable, Sequence
 from fvs_client import Candidate, ConflictError, FvsError, Job, Scene, VisitState
 from fvs_client.fly.captures import Capture
 from fvs_client.fly.checklist import Check, checklist
-from fvs_client.fly.checks import require_battery, require_equipment
+from fvs_client.fly.checks import require_battery, require_equipment, try_camera
 from fvs_client.fly.choice import Choice
 from fvs_client.fly.dialects import Mode
 from fvs_client.fly.errors import NoAnswerError, VehicleError
@@ -178,11 +178,15 @@ class Flight:
         if equipment.gimbal_deg is not None:
             self._choice.limit_gimbal(*equipment.gimbal_deg)
         require_battery(self._vehicle, self._settings, self._log)
-        checks = checklist(self._vehicle, self._settings, equipment)
-        for check in checks:
-            self._log.event("check", str(check), what=check.what, fine=check.fine)
-        if not self._confirm(checks):
-            raise EndedError(Ending.STOPPED, "the checklist was not confirmed.")
+        with self._photographs.testing():
+            going_on = self._watch.require_going_on
+            camera = try_camera(self._vehicle, equipment, self._photographs, going_on)
+            checks = checklist(self._vehicle, self._settings, equipment, camera)
+            for check in checks:
+                self._log.event("check", str(check), what=check.what, fine=check.fine)
+            if not self._confirm(checks):
+                raise EndedError(Ending.STOPPED, "the checklist was not confirmed.")
+        self._vehicle.captures()  # of the test photograph
 
     def _survey(self) -> None:
         """Fly the first photographs, if the scene has no model."""

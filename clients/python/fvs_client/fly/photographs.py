@@ -9,10 +9,10 @@ from pathlib import Path
 from fvs_client.fly.captures import Capture
 from fvs_client.spool import Outbox, Photograph, Refusal, Settings, Spool, State
 from fvs_client.spool.folder import each_file
-from fvs_client.spool.outbox import FILE_NAME
+from fvs_client.spool.outbox import FILE_NAME, TEST
 
 _LOOK_S = 0.2
-_TEST = Refusal("test-photograph", "It is the test photograph before takeoff.")
+_TEST = Refusal(TEST, "It is the test photograph before takeoff.")
 
 
 class Photographs:
@@ -43,7 +43,7 @@ class Photographs:
         self._known: dict[int, bool] = {}
         """Whether the photographs of this flight that ``arrived`` has returned were refused."""
         self._before_test: frozenset[Path] | None = None
-        """The files that were in the folder before the test that goes on; None without one."""
+        """The files that were in the folder before the test that goes on; None when none does."""
         self._tests: frozenset[Path] = frozenset()
         self._spool = Spool(
             folder, scene_id, url=url, api_key=api_key, settings=settings, refuse=self._refuse, say=say
@@ -99,25 +99,20 @@ class Photographs:
                 new.append(_captured(photograph))
         return new
 
-    def test(self, take: Callable[[], None], timeout_s: float) -> str | None:
-        """``take`` a photograph and wait for its file, which is not sent: it shows the ground, not the scene.
-
-        Returns the file's name, None when none came in time. Raises what ``take`` does, and what ended the
-        spool.
-        """
+    @contextmanager
+    def testing(self) -> Iterator[None]:
+        """What comes into the folder meanwhile is not sent: test photographs show the ground."""
         self._before_test = self._files()
         try:
-            take()
-            until = time.monotonic() + timeout_s
-            while time.monotonic() < until:
-                for photograph in self._added():
-                    if _place(photograph.path) in self._tests:
-                        return photograph.name
-                time.sleep(_LOOK_S)
-            return None
+            yield
         finally:
             self._tests |= self._files() - self._before_test
             self._before_test = None
+
+    def tested(self) -> str | None:
+        """The name of the newest test photograph, None before one; raises what ended the spool."""
+        names = [one.name for one in self._added() if _place(one.path) in self._tests]
+        return names[-1] if names else None
 
     def _refuse(self, path: Path) -> Refusal | None:
         place, before = _place(path), self._before_test

@@ -16,6 +16,8 @@ SIDECAR_REFUSED = "invalid-sidecar"
 FILE_MISSING = "file-missing"
 CUT_OFF = "cut-off"
 """The file has no end; with other content it is another photograph, and this one is gone."""
+TEST = "test-photograph"
+"""The code of one that nobody wants in a scene: it is refused, but not counted."""
 
 _VERSION = 1
 _SCHEMA = """
@@ -248,10 +250,9 @@ class Outbox:
         return self._select("number > ?", (number,), "ORDER BY number")
 
     def counts(self) -> dict[State, int]:
-        """How many photographs are in each state."""
-        rows = dict(
-            self._database.execute("SELECT state, count(*) FROM photographs GROUP BY state").fetchall()
-        )
+        """How many photographs are in each state, without test photographs."""
+        query = "SELECT state, count(*) FROM photographs WHERE code IS NOT ? GROUP BY state"
+        rows = dict(self._database.execute(query, (TEST,)).fetchall())
         return {state: rows.get(state, 0) for state in State}
 
     def set_trouble(self, message: str | None, hint: str = "") -> None:

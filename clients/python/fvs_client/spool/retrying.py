@@ -4,7 +4,7 @@ from collections.abc import Sequence
 from dataclasses import replace
 
 from fvs_client.spool.folder import find_file
-from fvs_client.spool.outbox import CUT_OFF, SIDECAR_REFUSED, Outbox
+from fvs_client.spool.outbox import CUT_OFF, SIDECAR_REFUSED, TEST, Outbox
 from fvs_client.spool.photograph import Photograph, State
 from fvs_client.spool.taking import take
 
@@ -52,8 +52,9 @@ def _with_its_sidecar(outbox: Outbox, photograph: Photograph) -> Photograph:
 
 
 def _refused(outbox: Outbox, numbers: Sequence[int]) -> list[Photograph]:
+    """Those with these numbers, or all but test photographs."""
     return [
-        photograph
-        for photograph in outbox.all()
-        if photograph.state is State.REFUSED and (not numbers or photograph.number in numbers)
+        one
+        for one in outbox.all()
+        if one.refusal is not None and (one.number in numbers if numbers else one.refusal.code != TEST)
     ]
