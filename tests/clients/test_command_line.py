@@ -219,6 +219,8 @@ def test_files_that_cannot_be_used_are_told_and_the_rest_is_sent(
 def test_jobs_are_queued_awaited_canceled_and_retried(run: Run, gateway: Any, scene_id: str) -> None:
     job = json.loads(run("update", scene_id, "--no-wait", "--json").stdout)
     assert "has not ended" in run("jobs", "wait", job["id"], "--timeout", "0.1", expect=9).stderr
+    assert "waits, number 1 in the queue. No worker is alive." in run("jobs", "show", job["id"]).stdout
+    assert "waits: no-worker" in run("jobs", "list", scene_id).stdout
     assert "canceled" in run("jobs", "cancel", job["id"]).stdout
     assert "was canceled" in run("jobs", "wait", job["id"], expect=8).stderr
     run("jobs", "retry", job["id"], "--no-wait")

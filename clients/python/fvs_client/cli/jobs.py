@@ -16,7 +16,7 @@ from fvs_client.cli.options import (
     WaitOption,
 )
 from fvs_client.cli.output import describe_metrics, print_json, print_table
-from fvs_client.cli.progress import display, job_progress
+from fvs_client.cli.progress import describe_waiting, display, job_progress
 from fvs_client.cli.session import find_scene, service
 from fvs_schema.jobs import JobKind, JobRequest, JobState
 
@@ -78,7 +78,7 @@ def list_all(
                 job.kind.value,
                 job.state.value,
                 f"{job.progress:.0%}",
-                job.stage or "",
+                job.stage or "" if job.waiting is None else f"waits: {job.waiting.reason.value}",
                 job.created_at.strftime("%F %H:%M"),
             )
             for job in found
@@ -160,6 +160,8 @@ def _print(job: Job, *, as_json: bool) -> None:
         return
     stage = f" ({job.stage})" if job.stage and not job.ended else ""
     typer.echo(f"{job.id}  {job.kind.value}  {job.state.value}  {job.progress:.0%}{stage}")
+    if job.waiting is not None:
+        typer.echo(describe_waiting(job.waiting))
     if job.error is not None:
         typer.echo(f"{job.error.message} {job.error.hint}".rstrip())
     for warning in job.warnings:

@@ -24,6 +24,7 @@ from rich.text import Text
 from fvs_client.downloads import DownloadProgress
 from fvs_client.models.resources import JobData
 from fvs_client.uploads import UploadedFile, UploadProgress
+from fvs_schema.jobs import JobWaiting
 from fvs_schema.rankings import ScoredCandidate
 
 _LOG_EVERY_S = 10.0
@@ -91,9 +92,14 @@ def job_progress(shown: Display, job: JobData) -> None:
         text = f"{job.stage or job.state.value}{left}"
     else:
         details["waiting"] = job.waiting.model_dump(mode="json")
-        soon = "" if not job.waiting.eta_s else f" About {_duration(job.waiting.eta_s)}."
-        text = f"waits, number {job.waiting.place} in the queue. {job.waiting.message}{soon}"
+        text = describe_waiting(job.waiting)
     shown.show(job.progress, 1.0, text, details)
+
+
+def describe_waiting(waiting: JobWaiting) -> str:
+    """Why a job waits, and about how long."""
+    soon = "" if not waiting.eta_s else f" About {_duration(waiting.eta_s)}."
+    return f"waits, number {waiting.place} in the queue. {waiting.message}{soon}"
 
 
 def download_progress(shown: Display, progress: DownloadProgress) -> None:
