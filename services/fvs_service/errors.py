@@ -370,7 +370,7 @@ class StorageUnavailableError(UnavailableError):
 
 
 class StorageRefusedError(StorageUnavailableError):
-    """The object store refuses the service's credentials, or its bucket does not exist."""
+    """The object store refuses the service's credentials or clock, or its bucket does not exist."""
 
 
 class IncompatibleDatabaseError(

@@ -15,6 +15,7 @@ Compare = Callable[[Callable[[Any], None]], None]
 FAILURES = {
     "away": (GenericError("The store does not answer."), "cannot be reached"),
     "denies": (PermissionDeniedError("403 Forbidden"), "refuses the service's credentials"),
+    "disagrees on the time": (PermissionDeniedError("403 RequestTimeTooSkewed"), "clock is wrong"),
     "without bucket": (FileNotFoundError("NoSuchBucket"), "has no such bucket"),
 }
 """What a store raises, and what the error says."""

@@ -281,6 +281,12 @@ def _reachable() -> Iterator[None]:
         message = str(error)
         if isinstance(error, FileNotFoundError) and "NoSuchBucket" not in message:
             raise
+        if "RequestTimeTooSkewed" in message:
+            raise StorageRefusedError(
+                "The object store refuses requests because this machine's clock is wrong, or its own.",
+                hint="Synchronise both (NTP).",
+                retry_after_s=60,
+            ) from error
         if isinstance(error, PermissionDeniedError | UnauthenticatedError) or "403 Forbidden" in message:
             raise StorageRefusedError(
                 "The object store refuses the service's credentials.",
