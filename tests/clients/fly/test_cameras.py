@@ -11,6 +11,7 @@ from fvs_client import Scene, VisitState
 from fvs_client.fly.captures import Capture
 from fvs_client.fly.checks import try_camera
 from fvs_client.fly.dialects import ARDUPILOT
+from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.flight import Ending
 from fvs_client.fly.vehicle import Equipment, Vehicle, VehicleState
 
@@ -36,12 +37,30 @@ def swapped() -> Any:
 
 
 @pytest.mark.system
-@pytest.mark.parametrize("reports", ["feedback", "captured", "both", "none", "swapped"])
+@pytest.mark.parametrize(
+    ("firmware", "reports"),
+    [
+        *(("ardupilot", reports) for reports in ("feedback", "captured", "both", "none", "swapped")),
+        ("px4", "feedback"),
+        ("px4", "both"),
+    ],
+)
 def test_photographs_and_views_find_each_other(
-    simulated: Any, relay: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path, reports: str
+    simulated: Any,
+    relay: Any,
+    gateway: Any,
+    scene: Scene,
+    url: str,
+    tmp_path: Path,
+    firmware: str,
+    reports: str,
 ) -> None:
     setup = Setup(camera_reports="both" if reports == "swapped" else reports)  # type: ignore[arg-type]
-    with simulated(setup=setup) as simulator, working(gateway, scene), ExitStack() as stack:
+    with (
+        simulated(firmware=firmware, setup=setup) as simulator,
+        working(gateway, scene),
+        ExitStack() as stack,
+    ):
         link = relay(simulator.url)
         if reports == "swapped":
             link.edit = swapped()
@@ -138,3 +157,13 @@ def test_a_camera_without_an_answer_and_one_without_a_file_are_told_apart(
         _tried(monkeypatch, [], armed=True)
         == f"[ ok ] camera: {wire}; not tried, because the vehicle is armed"
     )
+
+
+@pytest.mark.system
+def test_a_camera_that_px4_does_not_trigger(simulated: Any) -> None:
+    """``TRIG_MODE`` 0, as it is by default: nobody answers, and missions photograph nothing."""
+    with simulated(firmware="px4") as simulator, Vehicle(simulator.url) as vehicle:
+        simulator.autopilot._pilot._board.parameters._values["TRIG_MODE"] = 0.0
+        with pytest.raises(VehicleError, match="camera trigger does not answer"):
+            vehicle.photograph()
+        assert list(simulator.folder.glob("*.jpg")) == []

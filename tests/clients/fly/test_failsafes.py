@@ -28,6 +28,7 @@ GOOD_PX4 = {
     "NAV_DLL_ACT": 2.0,
     "NAV_RCL_ACT": 2.0,
     "RTL_RETURN_ALT": 30.0,
+    "TRIG_MODE": 1.0,
 }
 REACH = Reach(away_m=150.0, highest_m=60.0)
 
@@ -76,12 +77,21 @@ def test_what_is_off_is_named_with_the_parameter_that_changes_it(
     ("changed", "what", "remedy"),
     [
         ({"NAV_DLL_ACT": 0.0}, "lost ground station", "NAV_DLL_ACT 2"),
+        ({"NAV_DLL_ACT": 1.0}, "lost ground station", "NAV_DLL_ACT 2"),  # it stays where it is
+        ({"NAV_DLL_ACT": 6.0}, "lost ground station", "NAV_DLL_ACT 2"),  # it stops its motors
+        ({"NAV_RCL_ACT": 1.0}, "lost remote control", "NAV_RCL_ACT 2"),
         ({"NAV_RCL_ACT": 0.0}, "lost remote control", "NAV_RCL_ACT 2"),
         ({"COM_LOW_BAT_ACT": 0.0}, "low battery", "COM_LOW_BAT_ACT 3"),
         ({"GF_ACTION": 0.0}, "vehicle's fence", "GF_ACTION 3"),
+        ({"GF_ACTION": 2.0}, "vehicle's fence", "GF_ACTION 3"),
+        ({"GF_ACTION": 4.0}, "vehicle's fence", "GF_ACTION 3"),
         ({"GF_MAX_HOR_DIST": 149.0}, "vehicle's fence", "GF_MAX_HOR_DIST"),
         ({"GF_MAX_VER_DIST": 59.0}, "vehicle's fence", "GF_MAX_VER_DIST"),
         ({"RTL_RETURN_ALT": 0.0}, "way home", "RTL_RETURN_ALT"),
+        ({"RTL_LAND_DELAY": -1.0}, "landing", "RTL_LAND_DELAY 0"),
+        ({"MIS_YAW_TMT": 5.0}, "turns", "MIS_YAW_TMT -1"),
+        ({"TRIG_MODE": 0.0}, "camera trigger", "TRIG_MODE 1"),
+        ({"TRIG_MODE": 3.0}, "camera trigger", "TRIG_MODE 1"),
     ],
 )
 def test_so_it_is_of_px4(changed: dict[str, float], what: str, remedy: str) -> None:

@@ -24,7 +24,9 @@ def captured(vehicle: Vehicle, count: int) -> list[Any]:
     found: list[Any] = []
     until = time.monotonic() + 60.0
     while len(found) < count:
-        found += [one for one in vehicle.captures() if one.source.message == "image"]  # of the camera itself
+        found += [
+            one for one in vehicle.captures() if one.source[:2] == ("image", 100)
+        ]  # of the camera itself
         assert time.monotonic() < until
         time.sleep(0.02)
     return found

@@ -7,6 +7,8 @@ from typing import Any, NamedTuple
 
 _MOST_MISSING = 100
 """Maximum number of reports that are requested at once."""
+_AUTOPILOT = 1
+"""``MAV_COMP_ID_AUTOPILOT1``."""
 _VIDEO = 1
 """``CAMERA_FEEDBACK_VIDEO``."""
 
@@ -75,8 +77,11 @@ class Captures:
         found, self._new = self._new, []
         return found
 
-    def add(self, message: Any) -> None:
-        """Record a ``CAMERA_IMAGE_CAPTURED``; duplicates are ignored."""
+    def add(self, message: Any, home_m: float = math.nan) -> None:
+        """Record a ``CAMERA_IMAGE_CAPTURED``; duplicates are ignored. ``home_m`` is the altitude of home.
+
+        PX4 itself reports no height above home, but above the ground, or -1 m.
+        """
         source = Source("image", message.get_srcComponent(), message.camera_id)
         numbers = self._of(source.component)
         number = message.image_index
@@ -86,6 +91,9 @@ class Captures:
             return
         url = message.file_url
         text = url.decode(errors="replace") if isinstance(url, bytes) else url
+        above_home_m = message.relative_alt / 1e3
+        if source.component == _AUTOPILOT:
+            above_home_m = message.alt / 1e3 - home_m
         self._new.append(
             Capture(
                 number,
@@ -93,7 +101,7 @@ class Captures:
                 text.rstrip("\0").rpartition("/")[2],
                 _place(message.lat, message.lon),
                 message.alt / 1e3,
-                message.relative_alt / 1e3,
+                above_home_m,
                 source,
                 message.time_boot_ms / 1e3,
             )

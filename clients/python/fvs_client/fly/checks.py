@@ -90,4 +90,4 @@ def try_camera(
 
 def _camera_setup(vehicle: Vehicle) -> str:
     ardupilot = vehicle.dialect.autopilot is Autopilot.ARDUPILOT
-    return "CAM1_TYPE, its cable and its trigger" if ardupilot else "a camera manager, or the camera's power"
+    return f"{'CAM1_TYPE' if ardupilot else 'TRIG_MODE'}, its cable and its trigger"

@@ -1,7 +1,8 @@
 """The vehicle's own failsafes and fence, as its parameters say; lines of the checklist.
 
 The actions are those of ArduCopter's and PX4's parameter references:
-https://ardupilot.org/copter/docs/parameters.html, https://docs.px4.io/main/en/advanced_config/parameter_reference.html.
+https://ardupilot.org/copter/docs/parameters.html, https://docs.px4.io/main/en/advanced_config/parameter_reference.html
+(``commander_params.yaml``, ``geofence_params.yaml``, ``mission_params.yaml`` and others).
 """
 
 import math
@@ -30,9 +31,14 @@ _FENCE_ACTIONS = (
     "BRAKE, else LAND",
     "SmartRTL, else LAND",
 )
+_BRINGS_DOWN, _FENCE_BRINGS_DOWN = (2, 3), (3, 5)
+"""Those of PX4's ``_LINK_ACTIONS`` and ``_GEOFENCE_ACTIONS`` that return or land."""
+_TRIGGERS = ("off", "on command", "always, by time", "always, by distance", "on command")
 _GEOFENCE_ACTIONS = ("off", "warning only", "hold", "return", "terminate", "land")
 _CONTINUES_MISSION = 2
 """Bit of ``FS_OPTIONS``."""
+_EXCEPT_MISSIONS = 1
+"""Bit of ``COM_DLL_EXCEPT``."""
 _CEILING, _CIRCLE = 1, 2
 """Bits of ``FENCE_TYPE``."""
 ARDUPILOT = (
@@ -56,13 +62,18 @@ ARDUPILOT = (
     "SYSID_MYGCS",
 )
 PX4 = (
+    "BAT_CRIT_THR",
+    "COM_DLL_EXCEPT",  # of later versions
     "COM_LOW_BAT_ACT",
     "GF_ACTION",
     "GF_MAX_HOR_DIST",
     "GF_MAX_VER_DIST",
+    "MIS_YAW_TMT",
     "NAV_DLL_ACT",
     "NAV_RCL_ACT",
+    "RTL_LAND_DELAY",
     "RTL_RETURN_ALT",
+    "TRIG_MODE",
 )
 
 
@@ -107,23 +118,26 @@ def ardupilot(values: Mapping[str, float], stations: frozenset[int], reach: Reac
 def px4(values: Mapping[str, float], stations: frozenset[int], reach: Reach) -> Iterator[Check]:
     """PX4's, from its parameters; ``stations`` are the ground stations that are heard."""
     link = _action(values, "NAV_DLL_ACT", _LINK_ACTIONS)
-    if not values.get("NAV_DLL_ACT", 0.0):
+    if values.get("NAV_DLL_ACT") not in _BRINGS_DOWN:
         yield Check("lost ground station", link, "NAV_DLL_ACT 2: in a pause nothing else brings it home")
     elif not stations:
         yield Check("lost ground station", f"{link}, but none is heard", "connect one: this program is none")
     else:
-        yield Check("lost ground station", link)
-    off = not values.get("NAV_RCL_ACT", 0.0)
+        goes_on = int(values.get("COM_DLL_EXCEPT", 0.0)) & _EXCEPT_MISSIONS
+        yield Check("lost ground station", f"{link}, {'but continues' if goes_on else 'also on'} missions")
+    off = values.get("NAV_RCL_ACT") not in _BRINGS_DOWN
     action = _action(values, "NAV_RCL_ACT", _LINK_ACTIONS)
     yield Check("lost remote control", action, "NAV_RCL_ACT 2" if off else "")
     off = not values.get("COM_LOW_BAT_ACT", 0.0)
     battery = _action(values, "COM_LOW_BAT_ACT", _LOW_BATTERY_ACTIONS)
+    if "BAT_CRIT_THR" in values:
+        battery += f" at {values['BAT_CRIT_THR']:.0%} (BAT_CRIT_THR)"
     yield Check("low battery", battery, "COM_LOW_BAT_ACT 3" if off else "")
     away_m, top_m = values.get("GF_MAX_HOR_DIST", 0.0), values.get("GF_MAX_VER_DIST", 0.0)
     found = _action(values, "GF_ACTION", _GEOFENCE_ACTIONS)
     found += f"; {away_m:.0f} m around home, up to {top_m:.0f} m (0: no limit)"
     remedy = ""
-    if not values.get("GF_ACTION", 0.0) or not (away_m or top_m):
+    if values.get("GF_ACTION") not in _FENCE_BRINGS_DOWN or not (away_m or top_m):
         remedy = "GF_ACTION 3, GF_MAX_HOR_DIST, GF_MAX_VER_DIST"
     elif 0.0 < away_m < reach.away_m:
         remedy = f"GF_MAX_HOR_DIST: the flight may go {reach.away_m:.0f} m from home"
@@ -131,6 +145,14 @@ def px4(values: Mapping[str, float], stations: frozenset[int], reach: Reach) -> 
         remedy = f"GF_MAX_VER_DIST: the flight may go up to {reach.highest_m:.0f} m"
     yield Check("vehicle's fence", found, remedy)
     yield _return_height(values.get("RTL_RETURN_ALT", math.nan), "RTL_RETURN_ALT")
+    if values.get("RTL_LAND_DELAY", 0.0) < 0.0:
+        yield Check("landing", "none: it stays above home (RTL_LAND_DELAY)", "RTL_LAND_DELAY 0")
+    if values.get("MIS_YAW_TMT", 0.0) > 0.0:
+        yield Check("turns", "it does not wait for its yaw (MIS_YAW_TMT)", "MIS_YAW_TMT -1")
+    trigger = _action(values, "TRIG_MODE", _TRIGGERS)
+    on_command = values.get("TRIG_MODE") in (1, 4)
+    remedy = "TRIG_MODE 1, and TRIG_INTERFACE: the photographs of missions go through it"
+    yield Check("camera trigger", trigger, "" if on_command else remedy)
 
 
 def _ground_station(values: Mapping[str, float], stations: frozenset[int]) -> Check:

@@ -27,8 +27,6 @@ _FIX_S = 300.0
 _CHANGE_S = 3.0
 _TRIES = 4
 _EQUIPMENT_S = 1.0
-_CAMERA = 100
-"""``MAV_COMP_ID_CAMERA``."""
 
 
 @dataclass(frozen=True)
@@ -93,8 +91,6 @@ class Vehicle:
         self._texts: deque[tuple[float, str]] = deque(maxlen=100)
         self._received: dict[str, Any] = {}
         self._captures = Captures(self._ask_for_photograph)
-        self._camera = _CAMERA
-        """The component that its camera is."""
         self._link = Link(url, baud=baud, system=system, heard=self._receive)
         self._mavlink = self._link.mavlink
         try:
@@ -163,24 +159,36 @@ class Vehicle:
     def photograph(self) -> None:
         """Take one photograph now; raises ``VehicleError`` when that is refused.
 
-        ArduPilot accepts it without a camera, too.
+        ArduPilot accepts it without a camera, too. PX4 gives it to its camera trigger, as it does with the
+        photographs of missions; without one, nobody answers.
         """
-        if self.dialect.autopilot is Autopilot.ARDUPILOT:
+        try:
             self.command(self._mavlink.MAV_CMD_DO_DIGICAM_CONTROL, 0.0, 0.0, 0.0, 0.0, 1.0)
-        else:
-            start = self._mavlink.MAV_CMD_IMAGE_START_CAPTURE
-            self.command(start, 0.0, 0.0, 1.0, 1.0, component=self._camera)
+        except NoAnswerError as error:
+            self._link.require_heard()
+            if self.dialect.autopilot is not Autopilot.PX4:
+                raise
+            raise VehicleError(
+                "Its camera trigger does not answer.", hint="TRIG_MODE 1 starts it."
+            ) from error
 
     def equipment(self) -> Equipment:
         """Request the vehicle's equipment."""
         mavlink = self._mavlink
         camera = self._asked(mavlink.MAVLINK_MSG_ID_CAMERA_INFORMATION, "CAMERA_INFORMATION")
         gimbal = self._asked(mavlink.MAVLINK_MSG_ID_GIMBAL_MANAGER_INFORMATION, "GIMBAL_MANAGER_INFORMATION")
+        name = "" if camera is None and self._has_trigger() else None
         if camera is not None:
             self.recover_captures()  # how many there are before the flight
-        name = None if camera is None else f"{_text(camera.vendor_name)} {_text(camera.model_name)}".strip()
+            name = f"{_text(camera.vendor_name)} {_text(camera.model_name)}".strip()
         pitch = None if gimbal is None else (math.degrees(gimbal.pitch_min), math.degrees(gimbal.pitch_max))
         return Equipment(name, pitch)
+
+    def _has_trigger(self) -> bool:
+        """Whether it is a PX4 that triggers a camera on a wire, of which it reports nothing."""
+        return (
+            self.dialect.autopilot is Autopilot.PX4 and self.parameters(["TRIG_MODE"]).get("TRIG_MODE", 0) > 0
+        )
 
     def parameters(self, names: Sequence[str]) -> dict[str, float]:
         """The values of those parameters that the autopilot has; it does not answer for others."""
@@ -314,18 +322,13 @@ class Vehicle:
             hint="A pilot's remote control, or a check before arming, may forbid it.",
         )
 
-    def command(self, number: int, *parameters: float, component: int | None = None) -> None:
-        """Send a command and wait until it is accepted; raises ``VehicleError`` when it is refused.
-
-        It is for the autopilot, or another ``component`` of the vehicle.
-        """
-        system, autopilot = self._link.target
-        target = (system, autopilot if component is None else component)
+    def command(self, number: int, *parameters: float) -> None:
+        """Send a command and wait until it is accepted; raises ``VehicleError`` when it is refused."""
         began_s = time.monotonic()
         given = (*parameters, *(0.0,) * (7 - len(parameters)))
         self._link.forget_answers()
         answer = self._link.ask(
-            lambda: self._link.send("command_long_send", *target, number, 0, *given),
+            lambda: self._link.send("command_long_send", *self._link.target, number, 0, *given),
             ("COMMAND_ACK",),
             "command",
             lambda message: bool(message.command == number),
@@ -465,7 +468,8 @@ class Vehicle:
             case "MISSION_CURRENT":
                 self._state = replace(self._state, item=message.seq + self._not_sent)
             case "CAMERA_IMAGE_CAPTURED":
-                self._captures.add(message)
+                home_m = math.nan if self._home is None else self._home.altitude_m
+                self._captures.add(message, home_m)
             case "CAMERA_FEEDBACK":
                 self._captures.add_feedback(message)
             case "CAMERA_CAPTURE_STATUS":
@@ -481,8 +485,6 @@ class Vehicle:
             case "PARAM_VALUE":
                 self._received[message.param_id] = message
             case "CAMERA_INFORMATION" | "GIMBAL_MANAGER_INFORMATION" | "AUTOPILOT_VERSION" | "WIND":
-                if message.get_type() == "CAMERA_INFORMATION":
-                    self._camera = message.get_srcComponent()
                 self._received[message.get_type()] = message
 
 

@@ -1,7 +1,7 @@
 """The camera of a simulated vehicle as ground stations know it: https://mavlink.io/en/services/camera.html.
 
-ArduPilot reports each photograph that it triggers by ``CAMERA_FEEDBACK``; a camera that speaks MAVLink is a
-component of its own, and reports by ``CAMERA_IMAGE_CAPTURED``.
+ArduPilot reports each photograph that it triggers by ``CAMERA_FEEDBACK``; PX4 by ``CAMERA_IMAGE_CAPTURED``,
+as does a camera that speaks MAVLink, which is a component of its own.
 """
 
 import math
@@ -22,6 +22,8 @@ BEGAN_S = 1_767_268_800
 """2026-01-01 12:00 UTC, when simulated time begins."""
 _MIB = 2.0**20
 _SENSOR_MM = 36.0
+_NO_TERRAIN_MM = -1_000
+"""What PX4 reports as the height of a photograph above the ground, where it does not know that."""
 
 
 class Camera:
@@ -29,13 +31,15 @@ class Camera:
 
     def __init__(self, board: Board, camera: VehicleCamera, reports: CameraReports) -> None:
         self._board, self._camera = board, camera
-        self._told_by_autopilot = reports in ("both", "feedback") and board.firmware.is_ardupilot
+        self._told_by_autopilot = reports in ("both", "feedback")
         self.speaks = reports in ("both", "captured") and not board.faults.no_camera
         """Whether it is a component on the link."""
         self._taken: list[Callable[[], None]] = []
         self._busy_until_s = -math.inf
         kind = 0.0 if board.faults.no_camera else 6.0 if self.speaks else 1.0
         board.parameters.set("CAM1_TYPE", kind)
+        if board.faults.no_camera:
+            board.parameters.set("TRIG_MODE", 0.0)
 
     @property
     def autopilots_messages(self) -> Mapping[int, Callable[[], None]]:
@@ -60,8 +64,20 @@ class Camera:
             mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS: partial(self._status, COMPONENT),
         }
 
+    @property
+    def has_trigger(self) -> bool:
+        """Whether the autopilot has a camera trigger, which PX4 starts where ``TRIG_MODE`` is not 0."""
+        return self._board.firmware.is_ardupilot or self._board.parameters.named("TRIG_MODE") != 0.0
+
     def trigger(self) -> bool:
-        """Photograph by the autopilot; False without a camera, or so soon that a shutter is still pressed."""
+        """Photograph by the autopilot; False without a camera, or so soon that a shutter is still pressed.
+
+        PX4 knows neither. It has a camera trigger, or none.
+        """
+        if not self._board.firmware.is_ardupilot:
+            if self.has_trigger and not self._board.faults.no_camera:
+                self.photograph()
+            return self.has_trigger
         now_s = self._board.state.time_s
         if self._board.faults.no_camera or now_s < self._busy_until_s:
             return False
@@ -97,6 +113,20 @@ class Camera:
     def _feedback(self) -> None:
         state = self._board.state
         latitude, longitude, above_sea_mm, above_home_mm = self._board.place.encoded()
+        if not self._board.firmware.is_ardupilot:
+            quaternion = level_quaternion(self._board.vehicle.yaw_deg, 0.0)
+            fields = (
+                latitude,
+                longitude,
+                above_sea_mm,
+                _NO_TERRAIN_MM,
+                quaternion,
+                state.photographs - 1,
+                1,
+                b"",
+            )
+            self._board.emit("camera_image_captured", state.clock_ms, 0, 1, *fields)
+            return
         place = (latitude, longitude, above_sea_mm * 1e-3, above_home_mm * 1e-3)
         attitude = (0.0, 0.0, self._board.vehicle.yaw_deg)
         time_us = BEGAN_S * 1_000_000 + state.clock_ms * 1_000

@@ -21,6 +21,7 @@ _ACCEPTED = int(mavlink.MAV_RESULT_ACCEPTED)
 _DENIED = int(mavlink.MAV_RESULT_DENIED)
 _UNSUPPORTED = int(mavlink.MAV_RESULT_UNSUPPORTED)
 _FAILED = int(mavlink.MAV_RESULT_FAILED)
+_NOT_NOW = int(mavlink.MAV_RESULT_TEMPORARILY_REJECTED)
 _FORCE = 21_196.0
 """The number that forces arming and disarming."""
 _REQUESTS = {
@@ -70,14 +71,14 @@ class Commands:
     ) -> None:
         self._board, self._pilot, self._arming = board, pilot, arming
         self._camera, self._gimbal, self._telemetry = camera, gimbal, telemetry
-        self._refused = _FAILED if board.firmware.is_ardupilot else _DENIED
+        self._refused = _FAILED if board.firmware.is_ardupilot else _NOT_NOW
         """The answer where a command is known but cannot be done."""
         self._commands: dict[int, Callable[[Item, Any], bool]] = {
             mavlink.MAV_CMD_COMPONENT_ARM_DISARM: self._arm,
             mavlink.MAV_CMD_DO_SET_MODE: lambda item, _: self._set_mode(
                 _whole(item.parameters[1]), _whole(item.parameters[2])
             ),
-            mavlink.MAV_CMD_MISSION_START: lambda _item, _: pilot.start_mission(),
+            mavlink.MAV_CMD_MISSION_START: self._start,
             mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH: lambda _item, _: pilot.enter(Mode.RETURN, "asked"),
             mavlink.MAV_CMD_NAV_LAND: lambda _item, _: pilot.enter(Mode.LAND, "asked"),
             mavlink.MAV_CMD_NAV_LOITER_UNLIM: lambda _item, _: pilot.enter(Mode.LOITER, "asked"),
@@ -96,7 +97,8 @@ class Commands:
 
     def on_command(self, message: Any) -> None:
         """Execute a command, and answer its sender: each component that it is for does so."""
-        if message.target_component in (0, 1):
+        untriggered = message.command == mavlink.MAV_CMD_DO_DIGICAM_CONTROL and not self._camera.has_trigger
+        if message.target_component in (0, 1) and not untriggered:  # which nobody answers
             self._answer(message, self._do(_item(message), message), 1)
         if self._camera.speaks and message.target_component in (0, COMPONENT):
             self._answer(message, self._do_by_camera(_item(message)), COMPONENT)
@@ -122,20 +124,25 @@ class Commands:
         self._go_to(item, change_mode=False)
 
     def _do(self, item: Item, message: Any) -> int:
-        command = item.command
+        command, px4 = item.command, not self._board.firmware.is_ardupilot
+        if command in self._board.firmware.unknown | self._board.firmware.only_in_missions:
+            return _UNSUPPORTED
         if command in _REQUESTS:
             self._telemetry.answer(_REQUESTS[command])
             return _ACCEPTED
         if command == mavlink.MAV_CMD_DO_SET_MISSION_CURRENT and not self._has(item):
             return _DENIED
+        if px4 and command == mavlink.MAV_CMD_MISSION_START and not self._startable(item):
+            return _DENIED
+        if px4 and command == mavlink.MAV_CMD_DO_REPOSITION and _whole(item.parameters[1]) != 1:
+            return _UNSUPPORTED
         if command in self._commands:
             done = self._commands[command](item, message)
             if done:
                 return _ACCEPTED
             requests = (mavlink.MAV_CMD_REQUEST_MESSAGE, mavlink.MAV_CMD_SET_MESSAGE_INTERVAL)
-            px4 = not self._board.firmware.is_ardupilot
             return _UNSUPPORTED if px4 and command in requests else self._refused
-        if command in _AT_ONCE and command not in self._board.firmware.unknown:
+        if command in _AT_ONCE:
             return _ACCEPTED if self._pilot.navigator.do(item) else self._refused
         return _UNSUPPORTED
 
@@ -166,8 +173,6 @@ class Commands:
             if self._board.firmware.is_ardupilot:
                 self._board.text(f"No such mode {main}", int(mavlink.MAV_SEVERITY_WARNING))
             return False
-        if mode is Mode.MISSION and self._board.firmware.start_arms:
-            return self._pilot.start_mission()
         return self._pilot.enter(mode, "asked")
 
     def _takeoff_m(self, item: Item) -> float:
@@ -193,6 +198,20 @@ class Commands:
     def _has(self, item: Item) -> bool:
         """Whether the mission has an item of the number in a command."""
         return 0 <= _whole(item.parameters[0]) < self._pilot.mission.count
+
+    def _startable(self, item: Item) -> bool:
+        """Whether PX4 has a mission that it can begin at the item of a command."""
+        if not self._pilot.mission.count:
+            self._board.text("Mission start denied! No valid mission", int(mavlink.MAV_SEVERITY_CRITICAL))
+            return False
+        return math.isfinite(item.parameters[0]) and -1.0 <= item.parameters[0] < self._pilot.mission.count
+
+    def _start(self, item: Item, _message: Any) -> bool:
+        if not self._pilot.start_mission():
+            return False
+        if not self._board.firmware.is_ardupilot and item.parameters[0] >= 0.0:
+            self._pilot.mission.go_to(int(item.parameters[0]))
+        return True
 
     def _set_current(self, item: Item, _message: Any) -> bool:
         mission = self._pilot.mission

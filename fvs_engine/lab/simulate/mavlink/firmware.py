@@ -1,7 +1,8 @@
 """Firmwares that a simulated autopilot imitates: the differences of ArduCopter and PX4.
 
 https://ardupilot.org/copter/docs/parameters.html, https://docs.px4.io/main/en/advanced_config/parameter_reference.html;
-PX4's modes are ``main << 16 | sub << 24`` (``px4_custom_mode.h``).
+of PX4 also its sources, such as ``mavlink_mission.cpp``, ``mission_base.cpp`` and ``Commander.cpp``. Its
+modes are ``main << 16 | sub << 24`` (``px4_custom_mode.h``).
 """
 
 from collections.abc import Mapping
@@ -74,10 +75,10 @@ class Firmware:
     """Whether the first item of a mission is home, and is not flown."""
     turns_at_waypoints: bool
     """Whether it turns to the yaw of a waypoint; else it looks ahead."""
-    start_arms: bool
-    """Whether ``MAV_CMD_MISSION_START`` arms."""
     unknown: frozenset[int]
-    """Commands that others know in missions."""
+    """Commands that others know, in missions and outside of them."""
+    only_in_missions: frozenset[int]
+    """Commands that it does not know outside of missions."""
     parameters: tuple[Parameter, ...]
     meanings: Mapping[Meaning, str]
     """The parameters with these meanings."""
@@ -126,8 +127,8 @@ _ARDUCOPTER = Firmware(
     has_sub_modes=False,
     home_is_first=True,
     turns_at_waypoints=False,
-    start_arms=False,
     unknown=frozenset(),
+    only_in_missions=frozenset(),
     parameters=(
         Parameter("ARMING_CHECK", 1.0, _WHOLE_32),
         Parameter("AUTO_OPTIONS", 0.0, _WHOLE_32),
@@ -191,8 +192,14 @@ _PX4 = Firmware(
     has_sub_modes=True,
     home_is_first=False,
     turns_at_waypoints=True,
-    start_arms=True,
-    unknown=frozenset({mavlink.MAV_CMD_CONDITION_YAW}),
+    unknown=frozenset(
+        {
+            mavlink.MAV_CMD_CONDITION_YAW,
+            mavlink.MAV_CMD_DO_FENCE_ENABLE,
+            mavlink.MAV_CMD_DO_PAUSE_CONTINUE,
+        }
+    ),
+    only_in_missions=frozenset({mavlink.MAV_CMD_IMAGE_START_CAPTURE, mavlink.MAV_CMD_IMAGE_STOP_CAPTURE}),
     parameters=(
         Parameter("BAT_CRIT_THR", 0.15),
         Parameter("BAT_EMERGEN_THR", 0.03),
@@ -209,6 +216,8 @@ _PX4 = Firmware(
         Parameter("NAV_RCL_ACT", 2.0, _WHOLE_32, fixed=True),
         Parameter("RTL_RETURN_ALT", 15.0),
         Parameter("SYS_AUTOSTART", 4001.0, _WHOLE_32),
+        Parameter("TRIG_INTERFACE", 3.0, _WHOLE_32),
+        Parameter("TRIG_MODE", 1.0, _WHOLE_32),
     ),
     meanings={
         Meaning.RETURN_HEIGHT: "RTL_RETURN_ALT",

@@ -51,6 +51,7 @@ class Pilot:
         state = self._board.state
         if state.armed:
             return True
+        forced = forced and self._board.firmware.is_ardupilot  # PX4 lets nobody outside force it
         if not forced and (reason := self._arming.refusal()) is not None:
             self._board.text(reason, int(mavlink.MAV_SEVERITY_CRITICAL))
             return False
@@ -86,7 +87,7 @@ class Pilot:
             return False
         if state.mode is Mode.MISSION:
             self.mission.stop()
-            if self._board.firmware.is_ardupilot:
+            if self._board.firmware.is_ardupilot or not self._board.landed:
                 self._gimbal.reset()
         state.mode, self._paused = mode, False
         self._board.say(f"{self._board.firmware.modes[mode].name}: {why}")
@@ -95,6 +96,8 @@ class Pilot:
         if mode is Mode.MISSION:
             self.navigator.use_speed()
             self._waits_to_start = True
+            if not self._board.firmware.is_ardupilot:
+                self._point_again()
         return True
 
     def start_mission(self) -> bool:
@@ -105,14 +108,10 @@ class Pilot:
             if self._board.state.armed and not self.mission.running:
                 self.mission.resume()
             return True
-        if not self._items() or not (self._board.state.armed or self.arm()):
-            return False
-        return self.enter(Mode.MISSION, "asked")
+        return bool(self._items()) and self.enter(Mode.MISSION, "asked") and self.arm()
 
     def pause(self, paused: bool) -> bool:
-        """Stop on the way, in the same mode on ArduPilot, or go on; False in other modes."""
-        if not self._board.firmware.is_ardupilot:
-            return self.enter(Mode.LOITER, "asked") if paused else self.start_mission()
+        """Stop on the way, in the same mode, or go on; False in other modes."""
         if self._board.state.mode not in (Mode.MISSION, Mode.GUIDED):
             return False
         if paused and not self._paused:
@@ -194,10 +193,16 @@ class Pilot:
     def _end_mission(self) -> None:
         if self._board.landed:
             self._come_to_rest()
-        elif self._board.firmware.is_ardupilot:
-            self.navigator.hold()
         else:
-            self.enter(Mode.LOITER, "Mission complete")
+            self.navigator.hold()
+            if not self._board.firmware.is_ardupilot:
+                self._board.text("Mission finished, loitering")
+
+    def _point_again(self) -> None:
+        """Point the gimbal as the mission has it: PX4 does so when it enters the mode, and not ArduPilot."""
+        before = self._items()[: self.mission.current]
+        for item in (each for each in before if each.command == mavlink.MAV_CMD_DO_MOUNT_CONTROL):
+            self.navigator.do(item)
 
     def _begin(self, item: Item) -> None:
         returns = item.command == mavlink.MAV_CMD_NAV_RETURN_TO_LAUNCH

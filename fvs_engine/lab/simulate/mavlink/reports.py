@@ -64,6 +64,8 @@ class Reports:
         """Send the number of the current item, which may be one that somebody has asked for."""
         first = int(self._board.firmware.home_is_first)
         total, in_mission = max(0, self._mission.count - first), int(self._board.state.mode is Mode.MISSION)
+        if not total and not self._board.firmware.is_ardupilot:
+            total = _UNKNOWN_16
         self._board.emit("mission_current", number, total, self._mission.state, in_mission)
 
     def time_answer(self, message: object) -> None:

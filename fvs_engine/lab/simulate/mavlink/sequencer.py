@@ -84,9 +84,7 @@ class InOrder(Sequencer):
 
     def resume(self) -> None:
         """Fly on from the current item."""
-        self._begun = False
-        self.current = 0 if self.progress is Progress.COMPLETE else self.current
-        self.progress = Progress.ACTIVE
+        self._begun, self.progress = False, Progress.ACTIVE
 
     def reset(self) -> None:
         """Begin with the first item when it is flown next."""
@@ -97,18 +95,24 @@ class InOrder(Sequencer):
         if not 0 <= number < len(self._items()):
             return False
         self.current, self._begun = number, False
+        self._fly_again()
         return True
 
     def changed(self) -> None:
         """Begin the new mission."""
         self.reset()
+        self._fly_again()
+
+    def stop(self) -> None:
+        """Stay at the current item, also where that was the last."""
+        self.progress = Progress.NOT_STARTED
 
     def update(self) -> None:
         """Fly on."""
         while self.running:
             items = self._items()
             if self.current >= len(items):
-                self.progress = Progress.COMPLETE
+                self.current, self.progress = max(0, len(items) - 1), Progress.COMPLETE
                 return
             item = items[self.current]
             if not self._begun:
@@ -119,6 +123,11 @@ class InOrder(Sequencer):
             self._reached = self.current
             self._report()
             self.current, self._begun = self.current + 1, False
+
+    def _fly_again(self) -> None:
+        """Fly on where the mission was complete: the mode has stayed."""
+        if self.progress is Progress.COMPLETE:
+            self.progress = Progress.ACTIVE
 
 
 class Concurrent(Sequencer):

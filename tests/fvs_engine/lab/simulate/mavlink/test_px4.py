@@ -8,10 +8,16 @@ from typing import Any
 import pytest
 from pymavlink.dialects.v20 import ardupilotmega as mavlink
 
+from fvs_engine.lab.simulate.mavlink.flight_state import Faults, Mode
+
 pytestmark = pytest.mark.process
 
 LATITUDE, LONGITUDE = 473_769_000, 85_417_000
-ACCEPTED = mavlink.MAV_RESULT_ACCEPTED
+ACCEPTED, DENIED, UNSUPPORTED = (
+    mavlink.MAV_RESULT_ACCEPTED,
+    mavlink.MAV_RESULT_DENIED,
+    mavlink.MAV_RESULT_UNSUPPORTED,
+)
 ARM = (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
 
 
@@ -58,6 +64,72 @@ def test_it_goes_on_when_it_has_nearly_turned(
         taken = ground.next("CAMERA_IMAGE_CAPTURED")
         off_deg = abs(180.0 - yaw_deg(taken.q))
         assert most_deg / 2.0 - 0.05 <= off_deg <= most_deg + 0.1
+
+
+def test_commands_are_refused_in_its_words(flown: Any) -> None:
+    """``Commander.cpp``, ``handle_command``; ``navigator_main.cpp`` for ``MISSION_START`` from an item."""
+    with flown(firmware="px4") as (simulator, ground):
+        assert ground.command(mavlink.MAV_CMD_MISSION_START) == DENIED
+        assert "Mission start denied! No valid mission" in ground.texts()
+        for unknown in (
+            mavlink.MAV_CMD_CONDITION_YAW,
+            mavlink.MAV_CMD_DO_PAUSE_CONTINUE,
+            mavlink.MAV_CMD_IMAGE_START_CAPTURE,
+            mavlink.MAV_CMD_DO_REPOSITION,  # without the flag that changes the mode
+        ):
+            assert ground.command(unknown, 0.0, 0.0, 1.0) == UNSUPPORTED
+        assert ground.upload([TAKEOFF, view(), SHUTTER, RETURN]) == mavlink.MAV_MISSION_ACCEPTED
+        assert ground.command(mavlink.MAV_CMD_MISSION_START, 4.0) == DENIED  # it has no such item
+        assert ground.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 4.0, 4.0) == ACCEPTED
+        assert not simulator.autopilot._state.armed  # the mode alone does not arm
+        assert ground.command(mavlink.MAV_CMD_MISSION_START) == ACCEPTED
+        assert simulator.autopilot._state.armed
+
+
+def test_nobody_outside_forces_it_to_arm(flown: Any) -> None:
+    """``Commander.cpp``: 21196 disarms in the air, but the checks before arming run."""
+    with flown(firmware="px4", faults=Faults(no_fix=True)) as (_simulator, ground):
+        assert ground.command(*ARM, 21_196.0) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+
+
+def test_at_the_end_of_a_mission_it_stays_in_its_mode(flown: Any) -> None:
+    """``mission_base.cpp``: ``advance_mission``, ``setEndOfMissionItems``. Another mission begins at once."""
+    with flown(firmware="px4") as (simulator, ground):
+        assert ground.upload([TAKEOFF, view()]) == mavlink.MAV_MISSION_ACCEPTED
+        assert ground.command(mavlink.MAV_CMD_MISSION_START) == ACCEPTED
+        ground.until_text("Mission finished, loitering")
+        current = ground.next("MISSION_CURRENT", lambda message: message.mission_state == 5)
+        assert (current.seq, current.total, current.mission_mode) == (1, 2, 1)
+        assert ground.upload([view(), SHUTTER]) == mavlink.MAV_MISSION_ACCEPTED
+        ground.next("CAMERA_IMAGE_CAPTURED")
+        assert simulator.autopilot.mode is Mode.MISSION
+
+
+def test_the_gimbal_levels_in_a_pause_and_turns_back_after_it(flown: Any) -> None:
+    """``mission_base.cpp``: ``on_inactivation`` makes it neutral, ``on_activation`` does its items again."""
+    tilt = item(mavlink.MAV_CMD_DO_MOUNT_CONTROL, param1=-40.0, z=2.0, frame=2)
+    with flown(firmware="px4") as (simulator, ground):
+        assert ground.upload([TAKEOFF, tilt, view(param1=500.0), RETURN]) == mavlink.MAV_MISSION_ACCEPTED
+        assert ground.command(mavlink.MAV_CMD_MISSION_START) == ACCEPTED
+        until(lambda: simulator.autopilot.vehicle.pitch_deg == pytest.approx(-40.0))
+        assert ground.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 4.0, 3.0) == ACCEPTED
+        until(lambda: simulator.autopilot.vehicle.pitch_deg == pytest.approx(0.0))
+        assert ground.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 4.0, 4.0) == ACCEPTED
+        until(lambda: simulator.autopilot.vehicle.pitch_deg == pytest.approx(-40.0))
+
+
+def test_missions_photograph_by_its_camera_trigger(flown: Any) -> None:
+    """``navigator_main.cpp``: one photograph becomes ``DO_DIGICAM_CONTROL``. ``CameraFeedback.cpp``."""
+    with flown(firmware="px4") as (simulator, ground):
+        assert ground.upload([TAKEOFF, SHUTTER, RETURN]) == mavlink.MAV_MISSION_ACCEPTED
+        assert ground.command(mavlink.MAV_CMD_MISSION_START) == ACCEPTED
+        own = ground.next("CAMERA_IMAGE_CAPTURED", lambda message: message.get_srcComponent() == 1)
+        assert (own.image_index, own.capture_result, own.relative_alt, own.file_url) == (0, 1, -1_000, "")
+        until(lambda: not simulator.autopilot._state.armed)
+        simulator.autopilot._pilot._board.parameters._values["TRIG_MODE"] = 0.0
+        assert ground.command(mavlink.MAV_CMD_MISSION_START) == ACCEPTED
+        ground.next("HEARTBEAT", lambda message: message.custom_mode == 4 << 16 | 5 << 24)  # it returns
+        assert len(list(simulator.folder.glob("*.jpg"))) == 1
 
 
 def yaw_deg(quaternion: list[float]) -> float:
