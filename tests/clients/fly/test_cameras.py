@@ -65,7 +65,15 @@ def test_photographs_and_views_find_each_other(
         if reports == "swapped":
             link.edit = swapped()
         flown = Flown(
-            stack, simulator, scene, url, tmp_path / "flight.jsonl", link=link.url, photographs=7, leg_views=2
+            stack,
+            simulator,
+            scene,
+            url,
+            tmp_path / "flight.jsonl",
+            link=link.url,
+            photographs=7,
+            leg_views=2,
+            photograph_s=60.0,  # each one comes
         )
         result = flown.result()
     assert (result.ending, result.photographs, result.failed, result.unsent) == (Ending.BUDGET, 7, 0, 0)

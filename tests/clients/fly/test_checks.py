@@ -119,7 +119,10 @@ def test_the_checklist_says_where_the_flight_may_go(simulated: Any) -> None:
         assert str(found["geofence"]) == "[ ok ] geofence: 4 corners, home is inside"
         assert found["heights"].found == "5 m to 60 m above home"
         assert found["arming"].remedy == "ARMING_CHECK 1"
-        assert found["vehicle's fence"].remedy == "FENCE_RADIUS: the flight may go 2005 m from home"
+        assert found["vehicle's fence"].remedy == (
+            "FENCE_RADIUS: the flight may go 2005 m from home; "
+            "FENCE_ALT_MAX: its ceiling is far above the flight's 60 m (--highest)"
+        )
         found = _found(vehicle, mission={"geofence": elsewhere})
         assert "home is outside" in str(found["geofence"])
         assert not found["geofence"].fine

@@ -1,8 +1,13 @@
 """What the checklist says of the vehicle's own failsafes."""
 
+from collections.abc import Iterable
+
 import pytest
 from fvs_client.fly import failsafes
-from fvs_client.fly.failsafes import Reach
+from fvs_client.fly.failsafes import Check, Reach
+from fvs_client.fly.own_fence import OwnFence
+
+from fvs_schema.fence import Fence
 
 GOOD = {
     "BATT_FS_CRT_ACT": 1.0,
@@ -99,6 +104,102 @@ def test_so_it_is_of_px4(changed: dict[str, float], what: str, remedy: str) -> N
     [off] = [check for check in checks if not check.fine]
     assert off.what == what
     assert off.remedy.startswith(remedy)
+
+
+HIGHEST_60 = Reach(away_m=150.0, highest_m=60.0, ceiling_m=60.0)
+
+
+@pytest.mark.parametrize(
+    ("changed", "remedy"),
+    [
+        ({"FENCE_ALT_MAX": 59.0}, "FENCE_ALT_MAX: the flight may go up to 60 m"),
+        ({"FENCE_ALT_MAX": 60.0}, ""),
+        ({"FENCE_ALT_MAX": 70.0}, ""),
+        (
+            {"FENCE_ALT_MAX": 71.0},
+            "FENCE_ALT_MAX: its ceiling is far above the flight's 60 m (--highest)",
+        ),
+        ({"FENCE_ALT_MAX": 71.0, "FENCE_TYPE": 6.0}, "FENCE_TYPE 7, FENCE_ALT_MAX: it has no ceiling"),
+    ],
+)
+def test_a_ceiling_is_that_of_the_flight(changed: dict[str, float], remedy: str) -> None:
+    checks = failsafes.ardupilot({**GOOD, **changed}, frozenset({255}), HIGHEST_60)
+    assert _fence_of(checks).remedy == remedy
+
+
+@pytest.mark.parametrize(
+    ("top_m", "remedy"),
+    [
+        (59.0, "GF_MAX_VER_DIST: the flight may go up to 60 m"),
+        (60.0, ""),
+        (71.0, "GF_MAX_VER_DIST: its ceiling is far above the flight's 60 m (--highest)"),
+        (0.0, "GF_MAX_VER_DIST: its ceiling is far above the flight's 60 m (--highest)"),
+    ],
+)
+def test_so_it_is_of_px4s_ceiling(top_m: float, remedy: str) -> None:
+    checks = failsafes.px4({**GOOD_PX4, "GF_MAX_VER_DIST": top_m}, frozenset({255}), HIGHEST_60)
+    assert _fence_of(checks).remedy == remedy
+
+
+def _square(south_deg: float, side_deg: float) -> Fence:
+    north_deg, west_deg, east_deg = south_deg + side_deg, 8.54, 8.54 + side_deg
+    corners = (south_deg, west_deg), (south_deg, east_deg), (north_deg, east_deg), (north_deg, west_deg)
+    return Fence(corners)
+
+
+GEOFENCE = _square(47.0, 0.001)
+
+
+@pytest.mark.parametrize(
+    ("own", "changed", "found", "remedy"),
+    [
+        (OwnFence((GEOFENCE,)), {}, "; its polygon is --geofence", ""),
+        (OwnFence((GEOFENCE,)), {"FENCE_TYPE": 3.0}, "--geofence", "FENCE_TYPE 7: its polygons do not act"),
+        (
+            OwnFence((GEOFENCE,)),
+            {"FENCE_ENABLE": 0.0, "FENCE_TYPE": 3.0, "FENCE_ACTION": 0.0},
+            "off; its polygon is --geofence",
+            "FENCE_ENABLE 1, FENCE_ALT_MAX; FENCE_ACTION 1; FENCE_TYPE 7: its polygons do not act",
+        ),
+        (
+            OwnFence((_square(46.9995, 0.001),)),
+            {},
+            "--geofence is not inside",
+            "--upload-fence, or a smaller",
+        ),
+        (OwnFence((_square(47.5, 0.001),)), {}, "--geofence is not inside", "--upload-fence, or a smaller"),
+        (
+            OwnFence((Fence([(46.9, 8.5), (46.9, 8.6), (47.1, 8.6), (47.1, 8.5)]),), others=2),
+            {},
+            "; --geofence is inside its polygon",
+            "its 2 other zones are not compared: look at them",
+        ),
+        (OwnFence(), {}, "up to 100 m", ""),
+        (None, {}, "up to 100 m", ""),
+    ],
+)
+def test_the_geofence_is_compared_with_the_vehicles_own(
+    own: OwnFence | None, changed: dict[str, float], found: str, remedy: str
+) -> None:
+    reach = Reach(150.0, 60.0, geofence=GEOFENCE, own=own)
+    check = _fence_of(failsafes.ardupilot({**GOOD, **changed}, frozenset({255}), reach))
+    assert found in check.found
+    assert check.remedy.startswith(remedy)
+    assert bool(check.remedy) is bool(remedy)
+
+
+def test_a_polygon_of_px4_acts_without_distances() -> None:
+    reach = Reach(150.0, 60.0, geofence=GEOFENCE, own=OwnFence((GEOFENCE,)))
+    none = {"GF_MAX_HOR_DIST": 0.0}
+    check = _fence_of(failsafes.px4({**GOOD_PX4, **none}, frozenset({255}), reach))
+    assert check.fine
+    assert check.found.endswith("; its polygon is --geofence")
+    check = _fence_of(failsafes.px4({**GOOD_PX4, **none, "GF_ACTION": 0.0}, frozenset({255}), reach))
+    assert check.remedy == "GF_ACTION 3, GF_MAX_VER_DIST"
+
+
+def _fence_of(checks: Iterable[Check]) -> Check:
+    return next(check for check in checks if check.what == "vehicle's fence")
 
 
 def test_what_is_not_told_is_not_taken_for_set() -> None:

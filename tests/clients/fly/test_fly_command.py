@@ -56,6 +56,7 @@ def scene_id(client: Client) -> str:
         (("--system", "255"), "--system"),
         (("--geofence", "47.3,8.5;47.4,8.5;north"), "'north' is not a latitude,longitude"),
         (("--terrain", __file__), "is no height model"),
+        (("--upload-fence",), "give --geofence"),
     ],
 )
 def test_options_that_do_not_fit_are_refused(

@@ -180,6 +180,10 @@ def fly(
     lowest: LowestOption = None,
     highest: HighestOption = None,
     geofence: GeofenceOption = None,
+    upload_fence: Annotated[
+        bool,
+        typer.Option("--upload-fence", help="Replace the vehicle's own fence by --geofence, before takeoff."),
+    ] = False,
     terrain: TerrainOption = None,
     geoid: Annotated[
         float | None,
@@ -222,6 +226,8 @@ def fly(
             Fence.parse(geofence)
         except ValueError as error:
             raise typer.BadParameter(str(error), param_hint="--geofence") from error
+    elif upload_fence:
+        raise typer.BadParameter("There is no fence to upload: give --geofence.", param_hint="--upload-fence")
     mission = flight_limits(transit_height, lowest, highest, geofence)
     mission["speed_m_s"] = speed
     if geoid is not None:
@@ -250,6 +256,7 @@ def fly(
         long_side_px=long_side,
         stop_at_db=stop_at_db,
         mission=mission,
+        upload_fence=upload_fence,
         terrain=heights,
     )
     target: Target = context.find_object(Target) or Target(None, None)

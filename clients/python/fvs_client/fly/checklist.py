@@ -123,7 +123,13 @@ def _reach(vehicle: Vehicle, settings: FlightSettings) -> Reach:
     """How far the flight may go, as far as that is known before it."""
     home, mission, survey = vehicle.home.place, settings.mission, settings.survey
     places: list[Place] = [] if survey is None else list(survey.places)
+    geofence = own = None
     if "geofence" in mission:
-        places += Fence.parse(mission["geofence"]).corners
-    highest_m = mission.get("highest_height_m", 0.0 if survey is None else survey.height_m)
-    return Reach(max((apart_m(home, place) for place in places), default=0.0), highest_m)
+        geofence, own = Fence.parse(mission["geofence"]), vehicle.fence()
+        places += geofence.corners
+    away_m = max((apart_m(home, place) for place in places), default=0.0)
+    ceiling_m = mission.get("highest_height_m")
+    if settings.terrain is not None:  # heights are above the ground
+        return Reach(away_m, 0.0, None, geofence, own)
+    highest_m = ceiling_m if ceiling_m is not None else 0.0 if survey is None else survey.height_m
+    return Reach(away_m, highest_m, ceiling_m, geofence, own)

@@ -9,6 +9,9 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from fvs_client.fly.own_fence import OwnFence
+from fvs_schema.fence import Fence
+
 _GCS_ACTIONS = (
     "off",
     "RTL",
@@ -39,8 +42,10 @@ _CONTINUES_MISSION = 2
 """Bit of ``FS_OPTIONS``."""
 _EXCEPT_MISSIONS = 1
 """Bit of ``COM_DLL_EXCEPT``."""
-_CEILING, _CIRCLE = 1, 2
+_CEILING, _CIRCLE, _POLYGONS = 1, 2, 4
 """Bits of ``FENCE_TYPE``."""
+_LOW_CEILING_M = 10.0
+"""A ceiling of the vehicle's at most so far above the flight's stops a climb early."""
 ARDUPILOT = (
     "ARMING_CHECK",
     "ARMING_SKIPCHK",  # from 4.7 on
@@ -101,6 +106,12 @@ class Reach:
 
     away_m: float
     highest_m: float
+    """As far as that is known."""
+    ceiling_m: float | None = None
+    """The height that was given as the greatest one, above home."""
+    geofence: Fence | None = None
+    own: OwnFence | None = None
+    """The vehicle's own fence; it is compared with the geofence."""
 
 
 def ardupilot(values: Mapping[str, float], stations: frozenset[int], reach: Reach) -> Iterator[Check]:
@@ -134,16 +145,16 @@ def px4(values: Mapping[str, float], stations: frozenset[int], reach: Reach) -> 
         battery += f" at {values['BAT_CRIT_THR']:.0%} (BAT_CRIT_THR)"
     yield Check("low battery", battery, "COM_LOW_BAT_ACT 3" if off else "")
     away_m, top_m = values.get("GF_MAX_HOR_DIST", 0.0), values.get("GF_MAX_VER_DIST", 0.0)
+    polygon, polygon_wrong = _polygon(reach)
     found = _action(values, "GF_ACTION", _GEOFENCE_ACTIONS)
-    found += f"; {away_m:.0f} m around home, up to {top_m:.0f} m (0: no limit)"
-    remedy = ""
-    if values.get("GF_ACTION") not in _FENCE_BRINGS_DOWN or not (away_m or top_m):
-        remedy = "GF_ACTION 3, GF_MAX_HOR_DIST, GF_MAX_VER_DIST"
-    elif 0.0 < away_m < reach.away_m:
-        remedy = f"GF_MAX_HOR_DIST: the flight may go {reach.away_m:.0f} m from home"
-    elif 0.0 < top_m < reach.highest_m:
-        remedy = f"GF_MAX_VER_DIST: the flight may go up to {reach.highest_m:.0f} m"
-    yield Check("vehicle's fence", found, remedy)
+    found += f"; {away_m:.0f} m around home, up to {top_m:.0f} m (0: no limit){polygon}"
+    wrong = []
+    if values.get("GF_ACTION") not in _FENCE_BRINGS_DOWN or not (away_m or top_m or polygon):
+        wrong += [f"GF_ACTION 3,{'' if polygon else ' GF_MAX_HOR_DIST,'} GF_MAX_VER_DIST"]
+    else:
+        wrong += [f"GF_MAX_HOR_DIST: {_goes(reach)}"] if 0.0 < away_m < reach.away_m else []
+        wrong += _ceiling("GF_MAX_VER_DIST", top_m or math.inf, reach)
+    yield Check("vehicle's fence", found, "; ".join([*wrong, *polygon_wrong]))
     yield _return_height(values.get("RTL_RETURN_ALT", math.nan), "RTL_RETURN_ALT")
     if values.get("RTL_LAND_DELAY", 0.0) < 0.0:
         yield Check("landing", "none: it stays above home (RTL_LAND_DELAY)", "RTL_LAND_DELAY 0")
@@ -189,21 +200,55 @@ def _low_battery(values: Mapping[str, float]) -> Check:
 
 def _fence(values: Mapping[str, float], reach: Reach) -> Check:
     """ArduPilot's fence against where the flight may go."""
-    what = "vehicle's fence"
-    if not values.get("FENCE_ENABLE", 0.0):
-        return Check(what, "off", "FENCE_ENABLE 1, FENCE_RADIUS, FENCE_ALT_MAX")
-    kinds = int(values.get("FENCE_TYPE", 0.0))
+    kinds, (polygon, polygon_wrong) = int(values.get("FENCE_TYPE", 0.0)), _polygon(reach)
     radius_m, top_m = values.get("FENCE_RADIUS", math.inf), values.get("FENCE_ALT_MAX", math.inf)
-    found = _action(values, "FENCE_ACTION", _FENCE_ACTIONS)
-    found += f"; {radius_m:.0f} m around home" if kinds & _CIRCLE else ""
-    found += f", up to {top_m:.0f} m" if kinds & _CEILING else ""
+    wrong = []
+    if not values.get("FENCE_ENABLE", 0.0):
+        found = "off"
+        wrong += [f"FENCE_ENABLE 1,{'' if polygon else ' FENCE_RADIUS,'} FENCE_ALT_MAX"]
+    else:
+        found = _action(values, "FENCE_ACTION", _FENCE_ACTIONS)
+        found += f"; {radius_m:.0f} m around home" if kinds & _CIRCLE else ""
+        found += f", up to {top_m:.0f} m" if kinds & _CEILING else ""
+        wrong += [f"FENCE_RADIUS: {_goes(reach)}"] if kinds & _CIRCLE and reach.away_m > radius_m else []
+        if kinds & _CEILING:
+            wrong += _ceiling("FENCE_ALT_MAX", top_m, reach)
+        elif reach.ceiling_m is not None:
+            wrong += [f"FENCE_TYPE {kinds | _CEILING}, FENCE_ALT_MAX: it has no ceiling"]
     if not values.get("FENCE_ACTION", 0.0):
-        return Check(what, found, "FENCE_ACTION 1")
-    if kinds & _CIRCLE and reach.away_m > radius_m:
-        return Check(what, found, f"FENCE_RADIUS: the flight may go {reach.away_m:.0f} m from home")
-    if kinds & _CEILING and reach.highest_m > top_m:
-        return Check(what, found, f"FENCE_ALT_MAX: the flight may go up to {reach.highest_m:.0f} m")
-    return Check(what, found)
+        wrong += ["FENCE_ACTION 1"]
+    if polygon and not kinds & _POLYGONS:
+        wrong += [f"FENCE_TYPE {kinds | _POLYGONS}: its polygons do not act"]
+    return Check("vehicle's fence", found + polygon, "; ".join([*wrong, *polygon_wrong]))
+
+
+def _goes(reach: Reach) -> str:
+    return f"the flight may go {reach.away_m:.0f} m from home"
+
+
+def _ceiling(name: str, top_m: float, reach: Reach) -> list[str]:
+    """What is wrong with the vehicle's own ceiling."""
+    wanted_m = reach.ceiling_m
+    if reach.highest_m > top_m:
+        return [f"{name}: the flight may go up to {reach.highest_m:.0f} m"]
+    if wanted_m is not None and top_m > wanted_m + _LOW_CEILING_M:
+        return [f"{name}: its ceiling is far above the flight's {wanted_m:.0f} m (--highest)"]
+    return []
+
+
+def _polygon(reach: Reach) -> tuple[str, list[str]]:
+    """How the geofence lies to the vehicle's own fence, and what is wrong with that."""
+    geofence, own = reach.geofence, reach.own
+    if geofence is None or own is None or own == OwnFence():
+        return "", []
+    if own.is_same(geofence):
+        return "; its polygon is --geofence", []
+    wrong = [f"its {own.others} other zones are not compared: look at them"] if own.others else []
+    if not own.polygons:
+        return "; no polygon to stay inside", wrong
+    if own.contains(geofence):
+        return "; --geofence is inside its polygon", wrong
+    return "; --geofence is not inside its polygon", ["--upload-fence, or a smaller --geofence", *wrong]
 
 
 def _return_height(height_m: float, name: str) -> Check:

@@ -32,6 +32,7 @@ from fvs_client.fly.survey import Survey
 from fvs_client.fly.survey_limits import require_within_limits
 from fvs_client.fly.vehicle import Vehicle, VehicleState
 from fvs_client.fly.watch import POLL_S, Control, Watch
+from fvs_schema.fence import Fence
 
 __all__ = ["Ending", "Flight", "FlightResult", "FlightSettings"]
 
@@ -178,6 +179,9 @@ class Flight:
         if equipment.gimbal_deg is not None:
             self._choice.limit_gimbal(*equipment.gimbal_deg)
         require_battery(self._vehicle, self._settings, self._log)
+        if self._settings.upload_fence:
+            self._vehicle.replace_fence(Fence.parse(self._settings.mission["geofence"]))
+            self._log.event("fence", "The vehicle's own fence is --geofence now.", self._vehicle.last_state)
         with self._photographs.testing():
             going_on = self._watch.require_going_on
             camera = try_camera(self._vehicle, equipment, self._photographs, going_on)

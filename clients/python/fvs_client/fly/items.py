@@ -22,6 +22,13 @@ class Frame(IntEnum):
     """Altitudes above home."""
 
 
+class Plan(IntEnum):
+    """``MAV_MISSION_TYPE``: the lists of items that an autopilot has."""
+
+    MISSION = 0
+    FENCE = 1
+
+
 class Command(IntEnum):
     """``MAV_CMD``: those that a flight adds to missions of the service, or knows in them."""
 
@@ -34,6 +41,9 @@ class Command(IntEnum):
     DIGICAM_CONTROL = 203
     MOUNT_CONTROL = 205
     IMAGE_START_CAPTURE = 2000
+    FENCE_INSIDE = 5001
+    """A corner of a polygon to stay inside (``NAV_FENCE_POLYGON_VERTEX_INCLUSION``)."""
+    FENCE_OUTSIDE = 5002
 
 
 PHOTOGRAPHS = frozenset({Command.DIGICAM_CONTROL, Command.IMAGE_START_CAPTURE})

@@ -11,7 +11,7 @@ from typing import Any
 
 from fvs_client.fly.dialects import Dialect
 from fvs_client.fly.errors import VehicleError
-from fvs_client.fly.items import MissionItem
+from fvs_client.fly.items import MissionItem, Plan
 from fvs_client.fly.link import Link
 
 _INTEGER_FRAMES = {5: 0, 6: 3, 11: 10}
@@ -28,27 +28,41 @@ def require_same(link: Link, items: Sequence[MissionItem], offset: int, dialect:
 
     Errors count items from ``offset``. Home, the first item of missions of some autopilots, is their own.
     """
-    mavlink, target = link.mavlink, link.target
-    link.forget_answers()
-    count = link.ask(
-        lambda: link.send("mission_request_list_send", *target),
-        ("MISSION_COUNT",),
-        "request for its mission",
-        lambda message: bool(message.mission_type == mavlink.MAV_MISSION_TYPE_MISSION),
-    ).count
+    count = count_of(link, Plan.MISSION)
     if count != len(items):
         raise _differs(f"it has {count} items instead of {len(items)}")
     for number in range(int(dialect.home_is_first), count):
-        got = link.ask(
-            lambda number=number: link.send("mission_request_int_send", *target, number),  # type: ignore[misc]
-            ("MISSION_ITEM_INT",),
-            "request for an item of its mission",
-            lambda message, number=number: bool(message.seq == number),  # type: ignore[misc]
-        )
-        what = difference(items[number], got, dialect)
+        what = difference(items[number], item_of(link, Plan.MISSION, number), dialect)
         if what is not None:
             raise _differs(f"item {number + offset} (command {items[number].command}): {what}")
-    link.send("mission_ack_send", *target, mavlink.MAV_MISSION_ACCEPTED)
+    end(link, Plan.MISSION)
+
+
+def count_of(link: Link, plan: Plan) -> int | None:
+    """The number of items of a ``plan`` on the vehicle; None when it has no such plans."""
+    link.forget_answers()
+    answer = link.ask(
+        lambda: link.send("mission_request_list_send", *link.target, plan),
+        ("MISSION_COUNT", "MISSION_ACK"),
+        f"request for its {plan.name.lower()}",
+        lambda message: bool(message.mission_type == plan),
+    )
+    return int(answer.count) if answer.get_type() == "MISSION_COUNT" else None
+
+
+def item_of(link: Link, plan: Plan, number: int) -> Any:
+    """One item of the vehicle's ``plan``, a ``MISSION_ITEM_INT``."""
+    return link.ask(
+        lambda: link.send("mission_request_int_send", *link.target, number, plan),
+        ("MISSION_ITEM_INT",),
+        f"request for an item of its {plan.name.lower()}",
+        lambda message: bool(message.seq == number and message.mission_type == plan),
+    )
+
+
+def end(link: Link, plan: Plan) -> None:
+    """Say that all items were received."""
+    link.send("mission_ack_send", *link.target, link.mavlink.MAV_MISSION_ACCEPTED, plan)
 
 
 def difference(sent: MissionItem, got: Any, dialect: Dialect) -> str | None:

@@ -77,6 +77,8 @@ class FlightSettings:
     """Stop when the expected PSNR of the model reaches this value."""
     mission: MissionSettings = field(default_factory=lambda: MissionSettings())
     """Options of the missions, such as ``transit_height_m`` and ``geofence``."""
+    upload_fence: bool = False
+    """Whether to replace the vehicle's own fence by the ``geofence`` of ``mission``."""
     terrain: HeightModel | None = None
     """The ground from which heights are measured, instead of home."""
 

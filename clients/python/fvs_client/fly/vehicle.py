@@ -15,8 +15,10 @@ from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.home import Home
 from fvs_client.fly.items import MissionItem
 from fvs_client.fly.link import Link
+from fvs_client.fly.own_fence import OwnFence, read_fence, upload_fence
 from fvs_client.fly.read_back import require_same
 from fvs_client.fly.upload import upload
+from fvs_schema.fence import Fence
 from fvs_schema.missions import Autopilot
 
 __all__ = ["Capture", "Equipment", "Mode", "Vehicle", "VehicleState"]
@@ -252,6 +254,22 @@ class Vehicle:
         if not self.dialect.replaces_items:  # it is at another item now
             self._forget_item()
         require_same(self._link, items[self._not_sent :], self._not_sent, self.dialect)
+
+    def fence(self) -> OwnFence | None:
+        """Its own fence; None when it stores none, or does not say."""
+        try:
+            return read_fence(self._link)
+        except NoAnswerError:
+            self._link.require_heard()
+            return None
+
+    def replace_fence(self, fence: Fence) -> None:
+        """Replace its own fence by this polygon, on the ground; raises as ``upload`` does, and when armed."""
+        if self.state.armed:
+            raise VehicleError(
+                "The vehicle is armed: its fence is not replaced.", hint="Fly without --upload-fence."
+            )
+        upload_fence(self._link, fence)
 
     def arm(self) -> None:
         """Start the motors, on the ground."""
