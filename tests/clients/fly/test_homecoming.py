@@ -6,7 +6,7 @@ from dataclasses import replace
 from typing import Any
 
 import pytest
-from fvs_client.fly.dialects import Mode
+from fvs_client.fly.dialects import PX4, Mode
 from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.flight import Ending, FlightSettings
 from fvs_client.fly.home import Home
@@ -27,6 +27,7 @@ class Played:
     """
 
     home = Home(47.0, 8.0, 440.0)
+    dialect = PX4
 
     def __init__(self, answer: Callable[[Mode, int], None], mode: Mode = Mode.MISSION) -> None:
         self.last_state = VehicleState(armed=True, mode=mode)

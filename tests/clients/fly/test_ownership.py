@@ -1,10 +1,11 @@
 """Who commands a vehicle: modes that were commanded, returns of the mission, pilots, failsafes."""
 
+from dataclasses import replace
 from types import SimpleNamespace
 from typing import Any
 
 import pytest
-from fvs_client.fly.dialects import ARDUPILOT, Mode
+from fvs_client.fly.dialects import ARDUPILOT, PX4, Dialect, Mode
 from fvs_client.fly.home import Home
 from fvs_client.fly.items import holding
 from fvs_client.fly.log import FlightLog
@@ -27,9 +28,12 @@ NAMES = {
 class Watched:
     """A watch over a vehicle that flies its mission, in the state that a test gives it."""
 
-    def __init__(self, *said: str, flies: bool = True, **settings: Any) -> None:
+    def __init__(self, *said: str, flies: bool = True, dialect: Dialect = ARDUPILOT, **settings: Any) -> None:
         self.vehicle = SimpleNamespace(
-            state=VehicleState(), home=Home(47.0, 8.0, 440.0), said=lambda _seconds: list(said)
+            state=VehicleState(),
+            home=Home(47.0, 8.0, 440.0),
+            said=lambda _seconds: list(said),
+            dialect=dialect,
         )
         self.logged: list[str] = []
         self.watch = Watch(
@@ -156,3 +160,27 @@ def test_a_job_does_not_outlast_the_patience() -> None:
     with pytest.raises(EndedError, match="not updated in time: the vehicle waited 300 s") as ended:
         watched.watch.require_in_time()
     assert ended.value.ending is Ending.SERVICE
+
+
+def test_px4_holds_before_its_failsafe_returns() -> None:
+    """For ``COM_FAIL_ACT_T``, in the mode of a pause; without a failsafe it is a pilot's."""
+    said = ("Battery level low", "Failsafe activated, entering Hold for 5 seconds")
+    ended = Watched(*said, dialect=PX4).after(Mode.PAUSE, failsafe=True)
+    assert ended is not None
+    assert ended.ending is Ending.VEHICLE
+    assert "commanded by its failsafe (it says: Battery level low)" in ended.reason
+    for watched, failsafe in (
+        (Watched(dialect=PX4), False),
+        (Watched(dialect=replace(PX4, holds_s=0.0)), True),
+        (Watched(), True),
+    ):
+        ended = watched.after(Mode.PAUSE, failsafe=failsafe)
+        assert ended is not None
+        assert ended.ending is Ending.PILOT
+
+
+def test_px4_arms_in_the_mode_of_a_pause() -> None:
+    watched = Watched(flies=False, dialect=PX4)
+    with watched.watch.commanding(Mode.HOLD):
+        watched.watch.starting = True
+    assert watched.after(Mode.PAUSE) is None

@@ -48,10 +48,16 @@ class Dialect:
     replaces_items: bool
     """Whether an upload replaces the items one by one, while the vehicle goes on with the list as it is; else
     it replaces all at its end, and the new mission begins at once."""
+    holds_s: float
+    """How long its failsafe may hold, in the mode of a pause, before it returns or lands."""
     keeps: Mapping[int, tuple[int, ...]]
     """The parameters, from 0, that it keeps of an item's command; all of those that are not here."""
     also: Mapping[int, Mode] = field(default_factory=dict)
     """Other values of ``custom_mode`` that vehicles report, but that are never requested."""
+
+    def reported(self, mode: Mode) -> Mode:
+        """The mode that it reports in a mode that is requested: two may be one for it."""
+        return self.mode_of(self.custom_mode(mode))
 
     def custom_mode(self, mode: Mode) -> int:
         """The ``custom_mode`` of a mode in heartbeats."""
@@ -79,6 +85,7 @@ ARDUPILOT = Dialect(
     home_is_first=True,
     turns_at_waypoints=False,
     replaces_items=True,
+    holds_s=0.0,
     # Its acceptance radius is WPNAV_RADIUS, and loiters have none.
     keeps={
         Command.WAYPOINT: (0,),
@@ -102,6 +109,7 @@ PX4 = Dialect(
     home_is_first=False,
     turns_at_waypoints=True,
     replaces_items=False,
+    holds_s=30.0,  # COM_FAIL_ACT_T is 25 s at most
     keeps={Command.WAYPOINT: (0, 1, 3), Command.LOITER_TIME: (0,), Command.TAKEOFF: (3,)},
     also={_AUTO << 16 | 9 << 24: Mode.LAND},  # AUTO.PRECLAND
 )

@@ -132,7 +132,11 @@ def px4(values: Mapping[str, float], stations: frozenset[int], reach: Reach) -> 
     if values.get("NAV_DLL_ACT") not in _BRINGS_DOWN:
         yield Check("lost ground station", link, "NAV_DLL_ACT 2: in a pause nothing else brings it home")
     elif not stations:
-        yield Check("lost ground station", f"{link}, but none is heard", "connect one: this program is none")
+        yield Check(
+            "lost ground station",
+            f"{link}, but none is heard",
+            "connect one: without it, it does not arm, and this program is none",
+        )
     else:
         goes_on = int(values.get("COM_DLL_EXCEPT", 0.0)) & _EXCEPT_MISSIONS
         yield Check("lost ground station", f"{link}, {'but continues' if goes_on else 'also on'} missions")

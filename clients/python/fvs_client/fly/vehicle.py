@@ -2,6 +2,7 @@
 
 import contextlib
 import math
+import re
 import struct
 import time
 from collections import deque
@@ -27,6 +28,8 @@ _FIX_3D = 3
 """``GPS_FIX_TYPE_3D_FIX``."""
 _FIX_S = 300.0
 _CHANGE_S = 3.0
+_NOT_FLOWN = re.compile("^Mission rejected|^Geofence violation for waypoint")
+"""PX4's texts (``FeasibilityChecker.cpp``)."""
 _TRIES = 4
 _EQUIPMENT_S = 1.0
 
@@ -58,6 +61,8 @@ class VehicleState:
     """The mode as the firmware numbers it."""
     mode_name: str = ""
     """The mode as the firmware names it."""
+    failsafe: bool = False
+    """Whether its failsafe acts."""
     item: int = 0
     """The number of the mission item that it is at, in the list that was uploaded, whose first is home."""
     fix: int = 0
@@ -247,13 +252,20 @@ class Vehicle:
     def upload(self, items: Sequence[MissionItem]) -> None:
         """Replace the vehicle's mission and read it back; the first item is home.
 
-        Raises ``VehicleError`` when the autopilot refuses it, naming the item, or has another one afterwards,
-        and ``NoAnswerError``.
+        Raises ``VehicleError`` when the autopilot refuses it, naming the item, or has another one afterwards
+        or one that it does not fly, and ``NoAnswerError``.
         """
+        began_s = time.monotonic()
         upload(self._link, items[self._not_sent :], self._not_sent)
         if not self.dialect.replaces_items:  # it is at another item now
             self._forget_item()
         require_same(self._link, items[self._not_sent :], self._not_sent, self.dialect)
+        objections = [text for text in self.said(time.monotonic() - began_s) if _NOT_FLOWN.search(text)]
+        if objections:  # PX4 takes a mission before it checks it
+            raise VehicleError(
+                f"The autopilot has the mission, and does not fly it: {'; '.join(objections)}",
+                hint="A parameter of the vehicle, or its fence, forbids it.",
+            )
 
     def fence(self) -> OwnFence | None:
         """Its own fence; None when it stores none, or does not say."""
@@ -464,6 +476,7 @@ class Vehicle:
                     armed=bool(message.base_mode & self._mavlink.MAV_MODE_FLAG_SAFETY_ARMED),
                     mode=self.dialect.mode_of(message.custom_mode),
                     custom_mode=message.custom_mode,
+                    failsafe=message.system_status == self._mavlink.MAV_STATE_CRITICAL,
                     mode_name=self._link.mode_name(message),
                 )
             case "GPS_RAW_INT":

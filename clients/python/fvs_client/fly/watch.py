@@ -23,10 +23,13 @@ POLL_S = 0.1
 _RETRY_S = 2.0
 _RETURNING = (Mode.RETURN, Mode.LAND)
 _FAILSAFE = re.compile(
-    r"failsafe|breach|battery.*(low|critical|empty)|variance|glitch|dead reckoning|crash|\blost\b",
+    r"failsafe|breach|no valid mission|battery.*(low|critical|empty)|variance|glitch|dead reckoning|crash|"
+    r"\blost\b",
     re.IGNORECASE,
 )
 """Texts of ArduCopter and PX4 that say why they change the mode by themselves."""
+_NO_CAUSE = "Failsafe activated"
+"""PX4's text, whatever the cause, which only its events name."""
 _FAILSAFE_S = 10.0
 _HOME_M = 2.0
 _IN_THE_AIR_M = 1.0
@@ -62,6 +65,8 @@ class Watch:
         """Whether the vehicle was silent for too long."""
         self._commanded: frozenset[Mode] = frozenset()
         self._returns_in: Mode | None = None
+        self._held_s = math.inf
+        """Since when its failsafe has held it, on the monotonic clock."""
         self._home = vehicle.home
 
     def control(self, state: VehicleState) -> Control:
@@ -72,11 +77,23 @@ class Watch:
             return Control.RETURNING
         if state.mode is Mode.MISSION and self._has_waited(state):
             return Control.RETURNING
-        return Control.OURS if state.mode in self._commanded else Control.OTHERS
+        if state.mode in self._commanded:
+            return Control.OURS
+        return Control.RETURNING if self._holds_first(state) else Control.OTHERS
+
+    def _holds_first(self, state: VehicleState) -> bool:
+        """Whether a failsafe of PX4's holds the vehicle before it returns or lands."""
+        now = time.monotonic()
+        if not (state.failsafe and state.mode is Mode.PAUSE):
+            self._held_s = math.inf
+            return False
+        self._held_s = min(self._held_s, now)
+        return now - self._held_s < self._vehicle.dialect.holds_s
 
     @contextmanager
     def commanding(self, mode: Mode) -> Iterator[None]:
         """Expect this mode from now on; until the command has succeeded, the mode before as well."""
+        mode = self._vehicle.dialect.reported(mode)
         self._commanded |= {mode}
         yield
         self._commanded = frozenset({mode})
@@ -84,9 +101,10 @@ class Watch:
     def release(self, mode: Mode) -> None:
         """Command nothing any more: it returns in ``mode``, whatever its item.
 
-        ArduPilot goes to item 0 when it has landed, before it says that it is disarmed.
+        ArduPilot goes to item 0 when it has landed, before it says that it is disarmed. In a pause it only
+        holds before it returns.
         """
-        self._commanded, self._returns_in = frozenset(), mode
+        self._commanded, self._returns_in = frozenset(), None if mode is Mode.PAUSE else mode
 
     def flies(self) -> None:
         """The vehicle flies its mission."""
@@ -159,6 +177,7 @@ class Watch:
     def why(self, control: Control, state: VehicleState) -> str:
         """Why a vehicle is not ours: its mode, and who may have commanded it."""
         texts = [text for text in self._vehicle.said(_FAILSAFE_S) if _FAILSAFE.search(text)]
+        texts = [text for text in texts if not text.startswith(_NO_CAUSE)] or texts
         failsafe = f"its failsafe (it says: {texts[-1]})" if texts else ""
         if control is Control.LANDED:
             return "the vehicle has landed" + (f", by {failsafe}." if failsafe else ".")

@@ -1,4 +1,4 @@
-"""What keeps the motors from being started: checks of ArduPilot's, in its words."""
+"""What keeps the motors from being started: checks of ArduPilot's, in its words, and some of PX4's."""
 
 from fvs_engine.lab.simulate.mavlink.board import Board
 from fvs_engine.lab.simulate.mavlink.fence import Fence, fence_names
@@ -17,6 +17,8 @@ class Arming:
         """Why it does not arm now; None when it does."""
         state, firmware = self._board.state, self._board.firmware
         if not firmware.is_ardupilot:
+            if state.station_lost and self._board.parameters.named("NAV_DLL_ACT") > 0.0:
+                return "Preflight Fail: No connection to the GCS"
             return None if state.fixed else "Arming denied! No valid position estimate"
         before = self.before_mode()
         if before is not None:

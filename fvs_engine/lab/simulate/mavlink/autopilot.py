@@ -18,6 +18,7 @@ from fvs_engine.lab.simulate.mavlink.camera import COMPONENT, Camera
 from fvs_engine.lab.simulate.mavlink.commands import Commands
 from fvs_engine.lab.simulate.mavlink.dialect import mavlink
 from fvs_engine.lab.simulate.mavlink.failsafes import Failsafes
+from fvs_engine.lab.simulate.mavlink.feasibility import objection
 from fvs_engine.lab.simulate.mavlink.fence import Fence
 from fvs_engine.lab.simulate.mavlink.firmware import FIRMWARES
 from fvs_engine.lab.simulate.mavlink.flight_state import Faults, FlightState, Mode, Place
@@ -34,6 +35,7 @@ from fvs_engine.lab.simulate.mavlink.mission_protocol import (
 from fvs_engine.lab.simulate.mavlink.navigator import Navigator
 from fvs_engine.lab.simulate.mavlink.parameters import Parameters
 from fvs_engine.lab.simulate.mavlink.pilot import Pilot
+from fvs_engine.lab.simulate.mavlink.px4_failsafes import Px4Failsafes
 from fvs_engine.lab.simulate.mavlink.receiver import Receiver
 from fvs_engine.lab.simulate.mavlink.reports import Reports
 from fvs_engine.lab.simulate.mavlink.telemetry import Telemetry
@@ -90,7 +92,12 @@ class Autopilot:
         fence = Fence(board, lambda: lists[FENCES].items)
         arming = Arming(board, fence)
         self._pilot = Pilot(
-            board, gimbal, Navigator(board, shutter, gimbal), arming, lambda: lists[MISSION].items
+            board,
+            gimbal,
+            Navigator(board, shutter, gimbal),
+            arming,
+            lambda: lists[MISSION].items,
+            lambda: objection(board, fence, lists[MISSION].items),
         )
         mission = self._pilot.mission
         lists = {
@@ -105,7 +112,9 @@ class Autopilot:
             RALLIES: ItemList(board, RALLIES, lambda: None),
         }
         self._mission, self._protocol = lists[MISSION], MissionProtocol(board, lists)
-        self._failsafes = Failsafes(board, self._pilot, fence)
+        self._failsafes: Failsafes | Px4Failsafes = Px4Failsafes(board, self._pilot)
+        if kind.is_ardupilot:
+            self._failsafes = Failsafes(board, self._pilot, fence)
         reports = Reports(board, self._receiver, mission)
         others = {**shutter.autopilots_messages, **gimbal.messages}
         beat = shutter.messages[mavlink.MAVLINK_MSG_ID_HEARTBEAT] if shutter.speaks else None
@@ -115,7 +124,7 @@ class Autopilot:
             **self._protocol.handlers(),
             "COMMAND_LONG": commands.on_command,
             "COMMAND_INT": commands.on_command,
-            "HEARTBEAT": lambda message: self._failsafes.heard(message.get_srcSystem()),
+            "HEARTBEAT": self._failsafes.heard,
             "MISSION_SET_CURRENT": commands.on_set_current,
             "PARAM_REQUEST_LIST": parameters.on_request_list,
             "PARAM_REQUEST_READ": parameters.on_request_read,

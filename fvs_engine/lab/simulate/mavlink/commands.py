@@ -201,7 +201,7 @@ class Commands:
 
     def _startable(self, item: Item) -> bool:
         """Whether PX4 has a mission that it can begin at the item of a command."""
-        if not self._pilot.mission.count:
+        if self._pilot.objection() is not None:
             self._board.text("Mission start denied! No valid mission", int(mavlink.MAV_SEVERITY_CRITICAL))
             return False
         return math.isfinite(item.parameters[0]) and -1.0 <= item.parameters[0] < self._pilot.mission.count

@@ -1,9 +1,10 @@
-"""What a simulated autopilot does by itself: low battery, lost ground station, fence, lost position.
+"""What a simulated ArduCopter does by itself: low battery, lost ground station, fence, lost position.
 
 https://ardupilot.org/copter/docs/failsafe-landing-page.html; texts are ArduPilot's.
 """
 
 import time
+from typing import Any
 
 from fvs_engine.lab.simulate.mavlink.board import Board
 from fvs_engine.lab.simulate.mavlink.dialect import mavlink
@@ -40,18 +41,17 @@ class Failsafes:
         self._breached = False
         self._position_lost = False
 
-    def heard(self, system: int) -> None:
+    def heard(self, heartbeat: Any) -> None:
         """Note the heartbeat of a system: only one of them is the ground station."""
-        if system == round(self._board.parameters.named("SYSID_MYGCS")):
+        if heartbeat.get_srcSystem() == round(self._board.parameters.named("SYSID_MYGCS")):
             self._station_s = time.monotonic()
 
     def check(self) -> None:
         """Act where that is needed."""
         self._check_battery()
-        if self._board.firmware.is_ardupilot:
-            self._check_station()
-            self._check_fence()
-            self._check_position()
+        self._check_station()
+        self._check_fence()
+        self._check_position()
         self._board.state.failsafe = self._station_lost or bool(self._batteries) or self._position_lost
 
     def _check_battery(self) -> None:
@@ -63,11 +63,6 @@ class Failsafes:
             if battery > parameters.of(meaning) or meaning in self._batteries or not self._board.state.armed:
                 continue
             self._batteries |= {meaning, Meaning.LOW_BATTERY}
-            if not self._board.firmware.is_ardupilot:
-                self._board.text(f"Battery level {word}")
-                lands = meaning is Meaning.EMPTY_BATTERY
-                self._pilot.enter(Mode.LAND if lands else Mode.RETURN, f"battery {word}")
-                return
             used_mah = (1.0 - battery) * CAPACITY_MAH
             self._board.text(f"Battery 1 is {word} 12.60V used {used_mah:.0f} mAh", _WARNING)
             action = round(parameters.named(name))

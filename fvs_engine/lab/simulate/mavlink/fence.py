@@ -46,6 +46,10 @@ class Fence:
         }
         return {_NAMES[kind]: over_m for kind, over_m in found.items() if kinds & kind and over_m > 0.0}
 
+    def has(self, place: np.ndarray) -> bool:
+        """Whether a place [3] is inside of the polygons and circles."""
+        return self._outside_m(place[:2]) <= 0.0
+
     def count(self) -> None:
         """Tell the number of items."""
         self._board.parameters.set("FENCE_TOTAL", float(len(self._items())))

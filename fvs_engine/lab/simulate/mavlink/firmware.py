@@ -203,7 +203,9 @@ _PX4 = Firmware(
     parameters=(
         Parameter("BAT_CRIT_THR", 0.15),
         Parameter("BAT_EMERGEN_THR", 0.03),
-        Parameter("COM_LOW_BAT_ACT", 3.0, _WHOLE_32, fixed=True),  # it returns, and lands when it is empty
+        Parameter("COM_DL_LOSS_T", 10.0, _WHOLE_32),
+        Parameter("COM_FAIL_ACT_T", 5.0),
+        Parameter("COM_LOW_BAT_ACT", 3.0, _WHOLE_32),  # it returns, and lands when it is empty
         Parameter("GF_ACTION", 0.0, _WHOLE_32, fixed=True),
         Parameter("GF_MAX_HOR_DIST", 0.0, fixed=True),
         Parameter("GF_MAX_VER_DIST", 0.0, fixed=True),
@@ -212,7 +214,7 @@ _PX4 = Firmware(
         Parameter("MIS_YAW_TMT", -1.0),
         Parameter("MPC_XY_CRUISE", 5.0),
         Parameter("NAV_ACC_RAD", 1.0),
-        Parameter("NAV_DLL_ACT", 0.0, _WHOLE_32, fixed=True),
+        Parameter("NAV_DLL_ACT", 0.0, _WHOLE_32),
         Parameter("NAV_RCL_ACT", 2.0, _WHOLE_32, fixed=True),
         Parameter("RTL_RETURN_ALT", 15.0),
         Parameter("SYS_AUTOSTART", 4001.0, _WHOLE_32),

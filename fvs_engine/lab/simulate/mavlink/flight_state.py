@@ -44,6 +44,8 @@ class FlightState:
     """Whether it knows its position."""
     failsafe: bool = False
     """Whether a failsafe acts."""
+    station_lost: bool = False
+    """Whether PX4 hears no ground station."""
     time_s: float = 0.0
     """Simulated time since it was switched on."""
     photographs: int = 0

@@ -26,8 +26,11 @@ class Pilot:
         navigator: Navigator,
         arming: Arming,
         items: Callable[[], list[Item]],
+        objection: Callable[[], str | None],
     ) -> None:
         self._board, self._gimbal, self._arming, self._items = board, gimbal, arming, items
+        self.objection = objection
+        """Returns why PX4 would not fly the mission; None where it would."""
         self.navigator = navigator
         order = Concurrent if board.firmware.is_ardupilot else InOrder
         self.mission: Concurrent | InOrder = order(board, items, self._begin, navigator.done)
@@ -108,7 +111,7 @@ class Pilot:
             if self._board.state.armed and not self.mission.running:
                 self.mission.resume()
             return True
-        return bool(self._items()) and self.enter(Mode.MISSION, "asked") and self.arm()
+        return self.enter(Mode.MISSION, "asked") and self.arm()
 
     def pause(self, paused: bool) -> bool:
         """Stop on the way, in the same mode, or go on; False in other modes."""
@@ -144,17 +147,23 @@ class Pilot:
     def mission_changed(self) -> None:
         """Go on with another mission."""
         self._board.parameters.set("MIS_TOTAL", float(len(self._items())))
+        if not self._board.firmware.is_ardupilot and self._items():
+            objection = self.objection()
+            if objection is not None:
+                self._board.text(objection, int(mavlink.MAV_SEVERITY_CRITICAL))
         self.mission.changed()
 
     def _refusal(self, mode: Mode) -> str | None:
         """Why a mode cannot be flown now."""
         state, firmware = self._board.state, self._board.firmware
-        if not state.armed or not firmware.is_ardupilot:
+        if not state.armed:
             return None
         if firmware.modes[mode].needs_position and not state.fixed:
             return "requires position"
         if mode is not Mode.MISSION:
             return None
+        if not firmware.is_ardupilot:
+            return self.objection()
         items = self._items()
         if len(items) <= 1:
             return "init failed"
@@ -212,7 +221,7 @@ class Pilot:
             self.navigator.begin(item)
 
     def _disarm_when_landed(self) -> None:
-        if self.navigator.landing and self._board.landed:
+        if self._board.landed and (self.navigator.landing or not self.navigator.rising):
             self._come_to_rest()
 
     def _come_to_rest(self) -> None:

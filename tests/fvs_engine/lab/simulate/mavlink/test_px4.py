@@ -18,6 +18,7 @@ ACCEPTED, DENIED, UNSUPPORTED = (
     mavlink.MAV_RESULT_DENIED,
     mavlink.MAV_RESULT_UNSUPPORTED,
 )
+AUTO_LOITER, AUTO_RTL = 4 << 16 | 3 << 24, 4 << 16 | 5 << 24
 ARM = (mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
 
 
@@ -128,8 +129,77 @@ def test_missions_photograph_by_its_camera_trigger(flown: Any) -> None:
         until(lambda: not simulator.autopilot._state.armed)
         simulator.autopilot._pilot._board.parameters._values["TRIG_MODE"] = 0.0
         assert ground.command(mavlink.MAV_CMD_MISSION_START) == ACCEPTED
-        ground.next("HEARTBEAT", lambda message: message.custom_mode == 4 << 16 | 5 << 24)  # it returns
+        ground.next("HEARTBEAT", lambda message: message.custom_mode == AUTO_RTL)  # it returns
         assert len(list(simulator.folder.glob("*.jpg"))) == 1
+
+
+@pytest.mark.parametrize(
+    ("mission", "said"),
+    [
+        ([{**TAKEOFF, "z": 1.5}, view(), RETURN], "Mission rejected: Takeoff altitude too low!"),
+        ([view(), TAKEOFF, RETURN], "Mission rejected: takeoff not first waypoint item"),
+        ([item(mavlink.MAV_CMD_NAV_LAND), RETURN], "Mission rejected: starts with landing"),
+        ([TAKEOFF, {**view(), "x": LATITUDE + 20_000}, RETURN], "Geofence violation for waypoint 2"),
+    ],
+)
+def test_it_takes_missions_that_it_does_not_fly(flown: Any, mission: list[dict[str, Any]], said: str) -> None:
+    """``FeasibilityChecker.cpp`` checks a mission when ``mavlink_mission.cpp`` has accepted it."""
+    corner = mavlink.MAV_CMD_NAV_FENCE_POLYGON_VERTEX_INCLUSION
+    fence = [
+        item(corner, LATITUDE + x, LONGITUDE + y, param1=4.0, frame=0)
+        for x, y in ((-9_000, -9_000), (9_000, -9_000), (9_000, 9_000), (-9_000, 9_000))
+    ]
+    with flown(firmware="px4") as (simulator, ground):
+        assert ground.upload(fence, 1) == mavlink.MAV_MISSION_ACCEPTED
+        assert ground.upload(mission) == mavlink.MAV_MISSION_ACCEPTED
+        ground.until_text(said)
+        assert ground.command(mavlink.MAV_CMD_MISSION_START) == DENIED
+        assert not simulator.autopilot._state.armed
+
+
+def test_it_returns_from_a_mission_that_it_does_not_fly(flown: Any) -> None:
+    """``failsafe.cpp``, ``checkModeFallback``: at once, without holding first."""
+    with flown(firmware="px4") as (simulator, ground):
+        assert ground.upload([TAKEOFF, view(param1=500.0), RETURN]) == mavlink.MAV_MISSION_ACCEPTED
+        assert ground.command(mavlink.MAV_CMD_MISSION_START) == ACCEPTED
+        until(lambda: simulator.autopilot.vehicle.position[2] > 8.0)
+        assert ground.upload([view(), TAKEOFF, RETURN]) == mavlink.MAV_MISSION_ACCEPTED
+        beat = ground.next("HEARTBEAT", lambda message: message.custom_mode == AUTO_RTL)
+        assert beat.system_status == mavlink.MAV_STATE_CRITICAL
+        assert ground.texts()[-2:] == ["No valid mission available, loitering", "Failsafe activated"]
+        until(lambda: not simulator.autopilot._state.armed)
+
+
+def test_it_holds_before_its_failsafe_returns(flown: Any) -> None:
+    """``framework.cpp``, ``getSelectedAction``: for ``COM_FAIL_ACT_T``; who changes the mode takes over."""
+    with flown(firmware="px4", speed_up=5.0) as (simulator, ground):
+        assert ground.upload([TAKEOFF, view(param1=500.0), RETURN]) == mavlink.MAV_MISSION_ACCEPTED
+        assert ground.command(mavlink.MAV_CMD_MISSION_START) == ACCEPTED
+        until(lambda: simulator.autopilot.vehicle.position[2] > 8.0)
+        simulator.autopilot.vehicle.battery = 0.1
+        beat = ground.next("HEARTBEAT", lambda message: message.custom_mode == AUTO_LOITER)
+        assert beat.system_status == mavlink.MAV_STATE_CRITICAL
+        ground.until_text("Failsafe activated, entering Hold for 5 seconds")
+        ground.next("HEARTBEAT", lambda message: message.custom_mode == AUTO_RTL)
+        assert ground.texts()[-1] == "Failsafe activated"
+        assert ground.command(mavlink.MAV_CMD_DO_SET_MODE, 1.0, 4.0, 3.0) == ACCEPTED
+        ground.next("HEARTBEAT", lambda message: message.custom_mode == AUTO_LOITER)
+        ground.listen(2.0)
+        assert simulator.autopilot.mode is Mode.LOITER
+
+
+def test_a_lost_ground_station_ends_missions_too(flown: Any) -> None:
+    """``NAV_DLL_ACT``; ``rcAndDataLinkCheck.cpp``: without a station it does not arm then."""
+    with flown(firmware="px4") as (simulator, ground):
+        values = simulator.autopilot._pilot._board.parameters._values
+        values |= {"NAV_DLL_ACT": 2.0, "COM_DL_LOSS_T": 1.0}
+        assert ground.upload([TAKEOFF, view(param1=5_000.0), RETURN]) == mavlink.MAV_MISSION_ACCEPTED
+        assert ground.command(mavlink.MAV_CMD_MISSION_START) == mavlink.MAV_RESULT_TEMPORARILY_REJECTED
+        assert ground.texts()[-1] == "Preflight Fail: No connection to the GCS"
+        ground.beat()
+        until(lambda: not simulator.autopilot._state.station_lost)
+        assert ground.command(mavlink.MAV_CMD_MISSION_START) == ACCEPTED
+        ground.next("HEARTBEAT", lambda message: message.custom_mode == AUTO_RTL)
 
 
 def yaw_deg(quaternion: list[float]) -> float:
