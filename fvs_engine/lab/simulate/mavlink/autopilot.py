@@ -109,7 +109,7 @@ class Autopilot:
                 lambda: mission.running and self._state.armed,
             ),
             FENCES: ItemList(board, FENCES, fence.count),
-            RALLIES: ItemList(board, RALLIES, lambda: None),
+            RALLIES: ItemList(board, RALLIES, lambda _current: None),
         }
         self._mission, self._protocol = lists[MISSION], MissionProtocol(board, lists)
         self._failsafes: Failsafes | Px4Failsafes = Px4Failsafes(board, self._pilot)

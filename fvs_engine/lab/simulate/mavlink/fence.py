@@ -50,7 +50,7 @@ class Fence:
         """Whether a place [3] is inside of the polygons and circles."""
         return self._outside_m(place[:2]) <= 0.0
 
-    def count(self) -> None:
+    def count(self, _current: int | None = None) -> None:
         """Tell the number of items."""
         self._board.parameters.set("FENCE_TOTAL", float(len(self._items())))
 

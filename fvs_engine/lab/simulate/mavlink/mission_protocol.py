@@ -1,6 +1,6 @@
 """The mission protocol of a simulated autopilot, for its mission, its fence and its rally points.
 
-https://mavlink.io/en/services/mission.html
+https://mavlink.io/en/services/mission.html; PX4's ways are those of ``mavlink_mission.cpp``.
 """
 
 import time
@@ -12,7 +12,7 @@ from fvs_engine.lab.simulate.mavlink.board import Board
 from fvs_engine.lab.simulate.mavlink.dialect import mavlink
 from fvs_engine.lab.simulate.mavlink.mission import FENCE, PLACED, RALLY, Item
 
-_AGAIN_S, _GIVE_UP_S = 1.0, 8.0
+_TIMES_S, _PX4S_TIMES_S = (1.0, 8.0), (0.25, 5.0)
 """Times after which an item is requested again, and after which an upload is given up."""
 MISSION, FENCES, RALLIES = (
     int(mavlink.MAV_MISSION_TYPE_MISSION),
@@ -33,12 +33,16 @@ class Upload:
     next: int
     last: int
     items: list[Item] = field(default_factory=list)
+    current: int | None = None
+    """The number of the last item that was marked as the current one."""
     requested_s: float = field(default_factory=time.monotonic)
     received_s: float = field(default_factory=time.monotonic)
 
 
 class ItemList:
-    """One list of items, which stations write and read; ``changed`` is called when it is another.
+    """One list of items, which stations write and read.
+
+    ``changed`` is called when it is another, with the number of the item that was marked as the current one.
 
     ArduPilot changes its mission while the items arrive; PX4, and fences, when all are there. ``current``
     returns the number of the item that is flown, and ``running`` whether one is.
@@ -48,7 +52,7 @@ class ItemList:
         self,
         board: Board,
         kind: int,
-        changed: Callable[[], None],
+        changed: Callable[[int | None], None],
         current: Callable[[], int] = lambda: 0,
         running: Callable[[], bool] = lambda: False,
     ) -> None:
@@ -56,6 +60,8 @@ class ItemList:
         self._board, self._kind, self._changed = board, kind, changed
         self._current, self._running = current, running
         self._upload: Upload | None = None
+        self._download: tuple[tuple[int, int], int] | None = None
+        """The station that PX4 sends its items to, and the number of the next one."""
         self._at_once = board.firmware.is_ardupilot and kind == MISSION
 
     def on_count(self, message: Any) -> None:
@@ -72,7 +78,7 @@ class ItemList:
             self._upload = Upload(station, 0, message.count - 1)
             if self._at_once and message.count < len(self.items):
                 del self.items[message.count :]
-                self._changed()
+                self._changed(None)
             if message.count == 0:
                 self._complete(self._upload)
             else:
@@ -81,11 +87,9 @@ class ItemList:
     def on_partial(self, message: Any) -> None:
         """Begin to receive some items in the place of those with the same numbers."""
         station, first, last = _sender(message), message.start_index, message.end_index
-        if self._busy(station):
+        if not self._board.firmware.is_ardupilot or self._busy(station):  # PX4 does not know the message
             return
-        if not self._board.firmware.is_ardupilot:
-            self._answer(station, mavlink.MAV_MISSION_UNSUPPORTED)
-        elif self._upload is not None:
+        if self._upload is not None:
             self._answer(station, mavlink.MAV_MISSION_DENIED)
         elif not 0 <= first <= last <= len(self.items):
             self._board.text("Flight plan update rejected", _WARNING)
@@ -101,33 +105,36 @@ class ItemList:
             late = not self._board.firmware.is_ardupilot and message.seq == len(self.items) - 1
             # PX4 takes it for one whose sender has not heard that all is there.
             self._answer(station, mavlink.MAV_MISSION_ACCEPTED if late else mavlink.MAV_MISSION_ERROR)
-        elif message.seq != upload.next:
+        elif message.seq != upload.next and self._board.firmware.is_ardupilot:
             self._answer(station, mavlink.MAV_MISSION_INVALID_SEQUENCE)
         elif station != upload.station:
-            self._answer(station, mavlink.MAV_MISSION_DENIED)
-        else:
+            self._turn_away(station, "REJ. MIS ITEM: partner id mismatch")
+        elif message.seq == upload.next:  # PX4 ignores others
+            if message.current:
+                upload.current = message.seq
             self._take(upload, Item.of(message))
 
     def on_request_list(self, message: Any) -> None:
         """Send the number of items."""
         if self._upload is not None:
-            self._answer(_sender(message), mavlink.MAV_MISSION_DENIED)
+            self._turn_away(_sender(message), "Mission download request ignored, already active")
         else:
+            self._download = (_sender(message), 0)
             self._board.emit("mission_count", *_sender(message), len(self.items), self._kind)
 
     def on_request(self, message: Any) -> None:
         """Send an item, in whole numbers where it is asked for so."""
         station = _sender(message)
         if self._upload is not None:
-            self._answer(station, mavlink.MAV_MISSION_DENIED)
+            self._turn_away(station, "WPM: REJ. CMD: Busy")
+            return
+        if not self._board.firmware.is_ardupilot and not self._is_next(station, message.seq):
             return
         item = self._item(message.seq)
         if item is None:
-            ardupilot = self._board.firmware.is_ardupilot
-            wrong = mavlink.MAV_MISSION_ERROR if ardupilot else mavlink.MAV_MISSION_INVALID_SEQUENCE
-            if ardupilot and self._kind == MISSION:
+            if self._board.firmware.is_ardupilot and self._kind == MISSION:
                 self._board.emit("mission_count", *station, len(self.items), self._kind)
-            self._answer(station, wrong)
+            self._answer(station, mavlink.MAV_MISSION_ERROR)
             return
         fields = (message.seq, item.frame, item.command, self._marked(message.seq, item), 1, *item.parameters)
         if message.get_type() == "MISSION_REQUEST_INT":
@@ -145,7 +152,7 @@ class ItemList:
         if self._at_once and self._running():
             return False
         self.items.clear()
-        self._changed()
+        self._changed(None)
         return True
 
     def update(self) -> None:
@@ -153,12 +160,28 @@ class ItemList:
         upload, now = self._upload, time.monotonic()
         if upload is None:
             return
-        if now - upload.received_s > _GIVE_UP_S:
+        again_s, give_up_s = _TIMES_S if self._board.firmware.is_ardupilot else _PX4S_TIMES_S
+        if now - upload.received_s > give_up_s:
             self._upload = None
-            self._board.text(f"{_NAMES[self._kind]} upload timeout", _WARNING)
-            self._answer(upload.station, mavlink.MAV_MISSION_OPERATION_CANCELLED)
-        elif now - upload.requested_s > _AGAIN_S:
+            if self._board.firmware.is_ardupilot:
+                self._board.text(f"{_NAMES[self._kind]} upload timeout", _WARNING)
+                self._answer(upload.station, mavlink.MAV_MISSION_OPERATION_CANCELLED)
+            else:
+                self._board.text("Operation timeout", int(mavlink.MAV_SEVERITY_CRITICAL))
+        elif now - upload.requested_s > again_s:
             self._request(upload)
+
+    def _is_next(self, station: tuple[int, int], number: int) -> bool:
+        """Whether PX4 sends an item: in order, each again, to who has asked for the list."""
+        if self._download is None or self._download[0] != station:
+            return False
+        following = self._download[1]
+        if number not in (following - 1, following):
+            self._download = None
+            self._answer(station, mavlink.MAV_MISSION_ERROR)
+            return False
+        self._download = (station, number + 1)
+        return True
 
     def _item(self, number: int) -> Item | None:
         if self._kind == MISSION and self._board.firmware.home_is_first and number == 0:
@@ -173,11 +196,19 @@ class ItemList:
         return int((item.command if self._board.firmware.is_ardupilot else number) == self._current())
 
     def _busy(self, station: tuple[int, int]) -> bool:
-        """Deny an upload while another station's is under way."""
-        if self._upload is None or self._upload.station == station:
+        """Deny an upload while another station's is under way, or on PX4 the same station's."""
+        ardupilot, upload = self._board.firmware.is_ardupilot, self._upload
+        if upload is None or (upload.station == station and (ardupilot or upload.next == 0)):
             return False
-        self._answer(station, mavlink.MAV_MISSION_DENIED)
+        self._answer(station, mavlink.MAV_MISSION_DENIED if ardupilot else mavlink.MAV_MISSION_ERROR)
         return True
+
+    def _turn_away(self, station: tuple[int, int], px4: str) -> None:
+        """Deny what cannot be done during an upload: PX4 only says so."""
+        if self._board.firmware.is_ardupilot:
+            self._answer(station, mavlink.MAV_MISSION_DENIED)
+        else:
+            self._board.text(px4, int(mavlink.MAV_SEVERITY_CRITICAL))
 
     def _take(self, upload: Upload, item: Item) -> None:
         refusal = self._refusal(item)
@@ -192,7 +223,7 @@ class ItemList:
         upload.next += 1
         upload.received_s = time.monotonic()
         if self._at_once:
-            self._changed()
+            self._changed(None)
         if upload.next > upload.last:
             self._complete(upload)
         else:
@@ -209,10 +240,10 @@ class ItemList:
         self._upload = None
         if self._at_once:
             self._board.text("Flight plan received")
-        else:
-            self.items = upload.items
-            self._changed()
         self._answer(upload.station, mavlink.MAV_MISSION_ACCEPTED)
+        if not self._at_once and upload.items != self.items:
+            self.items = upload.items
+            self._changed(upload.current)
 
     def _request(self, upload: Upload) -> None:
         upload.requested_s = time.monotonic()

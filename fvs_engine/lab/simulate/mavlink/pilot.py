@@ -144,14 +144,14 @@ class Pilot:
         self.navigator.fly_to(position)
         return True
 
-    def mission_changed(self) -> None:
-        """Go on with another mission."""
+    def mission_changed(self, current: int | None) -> None:
+        """Go on with another mission; PX4 at the item that was marked as the ``current`` one, if any."""
         self._board.parameters.set("MIS_TOTAL", float(len(self._items())))
         if not self._board.firmware.is_ardupilot and self._items():
             objection = self.objection()
             if objection is not None:
                 self._board.text(objection, int(mavlink.MAV_SEVERITY_CRITICAL))
-        self.mission.changed()
+        self.mission.changed(current)
 
     def _refusal(self, mode: Mode) -> str | None:
         """Why a mode cannot be flown now."""

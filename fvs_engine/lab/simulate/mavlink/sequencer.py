@@ -98,9 +98,10 @@ class InOrder(Sequencer):
         self._fly_again()
         return True
 
-    def changed(self) -> None:
-        """Begin the new mission."""
-        self.reset()
+    def changed(self, current: int | None) -> None:
+        """Begin the new mission where it says so; else at the same number, or the last."""
+        last = max(0, len(self._items()) - 1)
+        self.current, self._begun = min(self.current if current is None else current, last), False
         self._fly_again()
 
     def stop(self) -> None:
@@ -196,7 +197,7 @@ class Concurrent(Sequencer):
             self._update_aside()
         self._report()
 
-    def changed(self) -> None:
+    def changed(self, _current: int | None) -> None:
         """Begin what is at the current number now, where one of the next three items to fly is another."""
         ahead = self._ahead()
         if ahead == self._watched:

@@ -188,6 +188,45 @@ def test_it_holds_before_its_failsafe_returns(flown: Any) -> None:
         assert simulator.autopilot.mode is Mode.LOITER
 
 
+def test_a_mission_is_begun_where_it_is_marked(flown: Any) -> None:
+    """``handle_mission_item_both``: without a mark at the same number. The same mission changes nothing."""
+    waits = view(param1=5_000.0)
+    with flown(firmware="px4") as (simulator, ground):
+        assert ground.upload([TAKEOFF, waits, RETURN]) == mavlink.MAV_MISSION_ACCEPTED
+        assert ground.command(mavlink.MAV_CMD_MISSION_START) == ACCEPTED
+        ground.next("MISSION_CURRENT", lambda message: message.seq == 1)
+        mission = simulator.autopilot._pilot.mission
+        for items, number in (
+            ([TAKEOFF, waits, SHUTTER, RETURN], 1),
+            ([{**TAKEOFF, "z": 30.0, "current": 1}, waits, RETURN], 0),
+        ):
+            assert ground.upload(items) == mavlink.MAV_MISSION_ACCEPTED
+            until(lambda number=number: mission.current == number)  # type: ignore[misc]
+        ground.next("MISSION_CURRENT", lambda message: message.seq == 1)
+        assert ground.upload([{**TAKEOFF, "z": 30.0, "current": 1}, waits, RETURN]) == 0
+        assert mission.current == 1
+
+
+def test_items_are_sent_in_order_to_who_asks_for_the_list(flown: Any) -> None:
+    """``handle_mission_request_both``, ``handle_mission_count``: it goes on with one station at a time."""
+    with flown(firmware="px4") as (_simulator, ground):
+        assert ground.upload([TAKEOFF, view(), RETURN]) == mavlink.MAV_MISSION_ACCEPTED
+        ground.mav.mission_request_int_send(1, 1, 0, 0)  # without the list
+        ground.mav.mission_write_partial_list_send(1, 1, 0, 1, 0)  # which it does not know
+        assert not {"MISSION_ITEM_INT", "MISSION_ACK"} & {each.get_type() for each in ground.listen(0.3)}
+        assert [each.command for each in ground.download()] == [22, 16, 20]
+        ground.mav.mission_request_list_send(1, 1, 0)
+        assert ground.next("MISSION_COUNT").count == 3
+        ground.mav.mission_request_int_send(1, 1, 2, 0)
+        assert ground.next("MISSION_ACK").type == mavlink.MAV_MISSION_ERROR
+        ground.mav.mission_count_send(1, 1, 2, 0)
+        ground.next("MISSION_REQUEST_INT")
+        ground.mav.srcComponent = 7
+        ground.mav.mission_count_send(1, 1, 2, 0)
+        assert ground.next("MISSION_ACK").type == mavlink.MAV_MISSION_ERROR
+        ground.until_text("Operation timeout")  # and no answer
+
+
 def test_a_lost_ground_station_ends_missions_too(flown: Any) -> None:
     """``NAV_DLL_ACT``; ``rcAndDataLinkCheck.cpp``: without a station it does not arm then."""
     with flown(firmware="px4") as (simulator, ground):
