@@ -2,6 +2,7 @@
 
 import signal
 import threading
+from hashlib import sha256
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated
 
@@ -119,6 +120,16 @@ def simulate_vehicle(
             "camera that speaks MAVLink (`captured`)."
         ),
     ] = "both",
+    signing_key: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="Sign messages, and ignore unsigned ones: a file with the passphrase of the key.",
+            show_default=False,
+        ),
+    ] = None,
     wind: Annotated[
         str,
         typer.Option(
@@ -195,6 +206,7 @@ def simulate_vehicle(
         truth=truth,
         seed=seed,
     )
+    key = None if signing_key is None else sha256(signing_key.read_bytes().strip()).digest()
     stopped = threading.Event()
     for number in (signal.SIGINT, signal.SIGTERM):
         signal.signal(number, lambda *_: stopped.set())
@@ -206,7 +218,7 @@ def simulate_vehicle(
             camera,
             home,
             firmware=firmware,
-            setup=Setup(camera_reports, fix_after),
+            setup=Setup(camera_reports, fix_after, key),
             speed_up=speed_up,
             say=typer.echo,
         )

@@ -1,9 +1,11 @@
 """``fvs-client fly``."""
 
+import os
 import signal
 import sys
 import threading
 from collections.abc import Sequence
+from hashlib import sha256
 from pathlib import Path
 from types import FrameType
 from typing import Annotated
@@ -85,6 +87,17 @@ def fly(
     baud: Annotated[
         int, typer.Option(min=1_200, max=4_000_000, metavar="N", help="Baud rate of a serial device.")
     ] = 57_600,
+    signing_key: Annotated[
+        Path | None,
+        typer.Option(
+            exists=True,
+            dir_okay=False,
+            metavar="FILE",
+            help="File with the passphrase of a vehicle that signs its messages, as in Mission Planner or "
+            "MAVProxy.",
+            show_default=False,
+        ),
+    ] = None,
     yes: Annotated[
         bool, typer.Option("--yes", "-y", help="Take off without asking whether the checklist is confirmed.")
     ] = False,
@@ -259,6 +272,7 @@ def fly(
         upload_fence=upload_fence,
         terrain=heights,
     )
+    key = None if signing_key is None else _key(signing_key)
     target: Target = context.find_object(Target) or Target(None, None)
 
     def say(line: str) -> None:
@@ -270,7 +284,10 @@ def fly(
             photographs, found.id, url=target.url or DEFAULT_URL, api_key=target.api_key, say=say
         )
         try:
-            with Vehicle(vehicle, system=system, baud=baud, say=say) as connected, sending as sent:
+            with (
+                Vehicle(vehicle, system=system, baud=baud, signing_key=key, say=say) as connected,
+                sending as sent,
+            ):
 
                 def confirm(checks: Sequence[Check]) -> bool:
                     agreed = yes or _agrees(checks)
@@ -298,6 +315,16 @@ def _survey(text: str, target_m: float, count: int, start_deg: float, arc_deg: f
     except ValueError as error:
         raise typer.BadParameter(f"{text!r} is not {_SURVEY_FORM}.", param_hint="--survey") from error
     return Survey(latitude, longitude, radius, height, target_m, count, start_deg=start_deg, arc_deg=arc_deg)
+
+
+def _key(path: Path) -> bytes:
+    """The key of a passphrase, as ground stations make it: its SHA-256."""
+    if os.name == "posix" and path.stat().st_mode & 0o077:
+        raise typer.BadParameter(f"Others can read {path}: chmod 600.", param_hint="--signing-key")
+    passphrase = path.read_bytes().strip()
+    if not passphrase:
+        raise typer.BadParameter(f"{path} is empty.", param_hint="--signing-key")
+    return sha256(passphrase).digest()
 
 
 def _agrees(checks: Sequence[Check]) -> bool:

@@ -16,6 +16,11 @@ _SYSTEM, _COMPONENT = 245, 191
 for lost ground stations must not take its heartbeats for theirs."""
 _VERSION_2 = 0xFD
 """The first byte of a message of MAVLink 2."""
+_SIGNED = 1
+"""Bit of the flags, its third byte."""
+_BEGAN_2015_S = 1_420_070_400
+_TICKS_PER_S = 100_000
+"""Signatures count 10 µs since 2015: https://mavlink.io/en/guide/message_signing.html."""
 _VERSION_2_S = 3.0
 """Autopilots that begin with MAVLink 1 have answered in MAVLink 2 by then."""
 _HEARTBEAT_S = 1.0
@@ -41,12 +46,21 @@ class Link:
     """A connection to the vehicle with the MAVLink id ``system``, or the only one; ``heard`` gets messages.
 
     All methods may be called from any thread. ``heard`` is called in the thread that reads, while ``changed``
-    is held; after it, those who wait for ``changed`` are notified.
+    is held; after it, those who wait for ``changed`` are notified. With a ``key`` of 32 bytes messages are
+    signed, and those that are not signed by it are ignored.
 
     Raises ``VehicleError`` without pymavlink, and ``NoAnswerError`` when the ``url`` cannot be opened.
     """
 
-    def __init__(self, url: str, *, baud: int, system: int | None, heard: Callable[[Any], None]) -> None:
+    def __init__(
+        self,
+        url: str,
+        *,
+        baud: int,
+        system: int | None,
+        heard: Callable[[Any], None],
+        key: bytes | None = None,
+    ) -> None:
         self._mavutil = mavutil = _mavutil()
         try:
             self._link: Any = mavutil.mavlink_connection(
@@ -67,6 +81,9 @@ class Link:
                 hint="Is the autopilot or its router running, and no other program connected to it?",
             ) from error
         self.mavlink: Any = mavutil.mavlink  # which opening the link has set, whatever was imported before
+        self._key = key
+        if key is not None:
+            self._link.setup_signing(key)
         self.changed = threading.Condition()
         self._sending = threading.Lock()
         self._heard_s = time.monotonic()
@@ -77,8 +94,12 @@ class Link:
         """The first heartbeat of each vehicle on the link."""
         self.stations: frozenset[int] = frozenset()
         """The system ids of the ground stations whose heartbeats arrive."""
-        self._another = self._version_2 = False
-        """Whether another client has our id, and whether the vehicle speaks MAVLink 2."""
+        self._another = self._version_2 = self._signed = False
+        """Whether another client has our id, and whether the vehicle speaks MAVLink 2, and signs."""
+        self._rejected: VehicleError | None = None
+        """Why the vehicle's heartbeats are ignored, if they are for their signature."""
+        self._rejected_s = math.inf
+        """When that was first seen."""
         self._closed = False
         self._reader = threading.Thread(target=self._read, name="mavlink", daemon=True)
         self._reader.start()
@@ -102,14 +123,14 @@ class Link:
     def find(self, timeout_s: float) -> Any:
         """Wait for the vehicle, return its heartbeat.
 
-        Raises ``VehicleError`` where there are several, or another client.
+        Raises ``VehicleError`` where there are several, another client, or one that signs otherwise.
         """
         until = time.monotonic() + timeout_s
         with self.changed:
             while self._wanted() is None:
-                left = until - time.monotonic()
+                left = min(until, self._rejected_s + _VERSION_2_S) - time.monotonic()
                 if left <= 0:
-                    raise self._not_found(timeout_s)
+                    raise self._rejected or self._not_found(timeout_s)
                 self.changed.wait(left)
             self.changed.wait_for(lambda: self._another or self._ambiguous, _OTHERS_S)
             if self._ambiguous:
@@ -129,7 +150,7 @@ class Link:
     def listen_to(self, heartbeat: Any) -> None:
         """Ignore all vehicles except the one that sent this heartbeat.
 
-        Raises ``VehicleError`` when it does not speak MAVLink 2.
+        Raises ``VehicleError`` when it does not speak MAVLink 2, or signs and there is no key.
         """
         with self.changed:
             self._target = (heartbeat.get_srcSystem(), heartbeat.get_srcComponent())
@@ -137,6 +158,11 @@ class Link:
                 raise VehicleError(
                     "The vehicle speaks MAVLink 1, which has no messages of cameras.",
                     hint="Set version 2 of this link: ArduPilot's SERIALn_PROTOCOL 2, PX4's MAV_PROTO_VER 2.",
+                )
+            if self._signed and self._key is None:
+                raise VehicleError(
+                    "The vehicle signs its messages, and ignores others.",
+                    hint="Give the passphrase of its key: --signing-key FILE.",
                 )
 
     def require_heard(self) -> None:
@@ -226,7 +252,9 @@ class Link:
         while not self._closed:
             if time.monotonic() - beat >= _HEARTBEAT_S:
                 beat = time.monotonic()
-                mavlink = self.mavlink
+                mavlink, signing = self.mavlink, self._link.mav.signing
+                now = int((time.time() - _BEGAN_2015_S) * _TICKS_PER_S)
+                signing.timestamp = max(signing.timestamp, now)
                 kinds = (mavlink.MAV_TYPE_ONBOARD_CONTROLLER, mavlink.MAV_AUTOPILOT_INVALID)
                 self.send("heartbeat_send", *kinds, 0, 0, mavlink.MAV_STATE_ACTIVE)
             message = None
@@ -240,6 +268,10 @@ class Link:
     def _receive(self, message: Any) -> None:
         """Dispatch the vehicle's messages to us."""
         kind = message.get_type()
+        if kind == "BAD_DATA":
+            if self._key is not None and message.reason == "Invalid signature":
+                self._reject(message.data)
+            return
         if (message.get_srcSystem(), message.get_srcComponent()) == (_SYSTEM, _COMPONENT):
             self._another = True
             return
@@ -252,7 +284,9 @@ class Link:
             if kind == "HEARTBEAT" and message.type == self.mavlink.MAV_TYPE_GCS:
                 self.stations |= {message.get_srcSystem()}
             return
-        self._version_2 |= message.get_msgbuf()[0] == _VERSION_2
+        first, _, flags = message.get_msgbuf()[:3]
+        self._version_2 |= first == _VERSION_2
+        self._signed |= first == _VERSION_2 and bool(flags & _SIGNED)
         if kind == "HEARTBEAT":
             if message.get_srcComponent() != self._target[1]:  # its camera, its gimbal
                 return
@@ -262,6 +296,24 @@ class Link:
                 self._answers.append(message)
             return
         self._handle(message)
+
+    def _reject(self, data: bytearray) -> None:
+        """Note why a vehicle's heartbeat is ignored."""
+        message = self.mavlink.MAVLink(None).decode(data)
+        wanted = self._system in (None, message.get_srcSystem())
+        if not (wanted and message.get_type() == "HEARTBEAT" and self._is_vehicle(message)):
+            return
+        self._rejected_s = min(self._rejected_s, time.monotonic())
+        if data[0] == _VERSION_2 and data[2] & _SIGNED:
+            self._rejected = VehicleError(
+                "The vehicle signs its messages with another key, or another time.",
+                hint="Look at the passphrase in --signing-key, and at this computer's clock.",
+            )
+        else:
+            self._rejected = VehicleError(
+                "The vehicle does not sign its messages.",
+                hint="Set the key up in it, by a ground station, or fly without --signing-key.",
+            )
 
     def _is_vehicle(self, message: Any) -> bool:
         mavlink = self.mavlink

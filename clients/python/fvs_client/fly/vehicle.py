@@ -79,7 +79,8 @@ class Vehicle:
     """A connection to one vehicle. All methods may be called from any thread.
 
     ``url`` is pymavlink's: ``tcp:127.0.0.1:5760``, ``udpin:0.0.0.0:14550``, ``/dev/ttyUSB0``. ``system`` is
-    the MAVLink id of the vehicle, if there are several on the link. Waits until the vehicle has a GPS fix and
+    the MAVLink id of the vehicle, if there are several on the link, ``signing_key`` the 32 bytes that sign
+    its messages. Waits until the vehicle has a GPS fix and
     a home; ``say`` gets what is waited for. Raises ``VehicleError`` without pymavlink, for several vehicles,
     for one that is no copter of ArduPilot or PX4 or gets no fix, and ``NoAnswerError`` when none answers.
     """
@@ -90,6 +91,7 @@ class Vehicle:
         *,
         system: int | None = None,
         baud: int = 57_600,
+        signing_key: bytes | None = None,
         timeout_s: float = 30.0,
         say: Callable[[str], None] = lambda _line: None,
     ) -> None:
@@ -98,7 +100,7 @@ class Vehicle:
         self._texts: deque[tuple[float, str]] = deque(maxlen=100)
         self._received: dict[str, Any] = {}
         self._captures = Captures(self._ask_for_photograph)
-        self._link = Link(url, baud=baud, system=system, heard=self._receive)
+        self._link = Link(url, baud=baud, system=system, heard=self._receive, key=signing_key)
         self._mavlink = self._link.mavlink
         try:
             heartbeat = self._link.find(timeout_s)

@@ -38,6 +38,7 @@ from fvs_engine.lab.simulate.mavlink.pilot import Pilot
 from fvs_engine.lab.simulate.mavlink.px4_failsafes import Px4Failsafes
 from fvs_engine.lab.simulate.mavlink.receiver import Receiver
 from fvs_engine.lab.simulate.mavlink.reports import Reports
+from fvs_engine.lab.simulate.mavlink.signing import keep_time, sign_by
 from fvs_engine.lab.simulate.mavlink.telemetry import Telemetry
 from fvs_engine.lab.simulate.vehicle import Vehicle
 from fvs_engine.lab.simulate.vehicle_camera import VehicleCamera
@@ -49,10 +50,12 @@ _SYSTEM = 1
 
 @dataclass(frozen=True)
 class Setup:
-    """How a vehicle is set up: what tells of photographs, and how long the first GPS fix takes in s."""
+    """How a vehicle is set up: what tells of photographs, how long the first GPS fix takes in s, its key."""
 
     camera_reports: CameraReports = "both"
     fix_after_s: float = 0.0
+    signing_key: bytes | None = None
+    """32 bytes by which messages are signed; others are ignored."""
 
 
 class Autopilot:
@@ -79,8 +82,10 @@ class Autopilot:
         self.vehicle, self.camera, self.faults = vehicle, camera, faults or Faults()
         setup = setup or Setup()
         self._speed_up = speed_up
-        self._links = Links([links] if isinstance(links, str) else links)
+        self._links = Links([links] if isinstance(links, str) else links, setup.signing_key)
         self._voices = {each: mavlink.MAVLink(None, _SYSTEM, each) for each in (1, COMPONENT)}
+        for voice in self._voices.values():
+            sign_by(setup.signing_key, voice)
         self._heard_from: Peer | None = None
         kind = FIRMWARES[firmware]
         self._state = FlightState(kind.first_mode)
@@ -197,6 +202,7 @@ class Autopilot:
         if self.faults.silent:
             return
         voice = self._voices[component]
+        keep_time(voice)
         message = getattr(voice, f"{name}_encode")(*fields, **more)
         data = message.pack(voice)
         voice.seq = (voice.seq + 1) % 256

@@ -12,35 +12,37 @@ from dataclasses import dataclass, field
 from typing import Any
 
 from fvs_engine.lab.simulate.mavlink.dialect import mavlink
+from fvs_engine.lab.simulate.mavlink.signing import sign_by
 
 _READ_BYTES = 65_536
 _MOST_WAITING_BYTES = 1 << 20
 """A station that reads nothing for so long is disconnected."""
 
 
-def _parser() -> Any:
-    parser = mavlink.MAVLink(None)
-    parser.robust_parsing = True
-    return parser
-
-
 @dataclass(eq=False)
 class Peer:
-    """A ground station; ``address`` is where a datagram goes, None for TCP."""
+    """A ground station that signs by ``key``; ``address`` is where a datagram goes, None for TCP."""
 
     socket: socket.socket
     address: tuple[str, int] | None
-    parser: Any = field(default_factory=_parser)
+    key: bytes | None
+    parser: Any = field(init=False)
     waiting: bytearray = field(default_factory=bytearray)
+
+    def __post_init__(self) -> None:
+        self.parser = mavlink.MAVLink(None)
+        self.parser.robust_parsing = True
+        sign_by(self.key, self.parser)
 
 
 class Links:
-    """Receives from all stations and sends to them.
+    """Receives from all stations and sends to them; with a ``key``, only what is signed by it is received.
 
     Raises ``ValueError`` for a name that is none, and ``OSError`` where it cannot be opened.
     """
 
-    def __init__(self, names: Iterable[str]) -> None:
+    def __init__(self, names: Iterable[str], key: bytes | None = None) -> None:
+        self._key = key
         self.urls: list[str] = []
         """Where stations connect, in pymavlink's names of their ends."""
         self._servers: list[socket.socket] = []
@@ -63,11 +65,12 @@ class Links:
                 connected, _ = each.accept()
                 connected.setblocking(False)
                 connected.setsockopt(socket.IPPROTO_TCP, socket.TCP_NODELAY, 1)
-                self._peers.append(Peer(connected, None))
+                self._peers.append(Peer(connected, None, self._key))
                 continue
             for peer, data in self._read(each):
                 for message in peer.parser.parse_buffer(data) or ():
-                    yield peer, message
+                    if message.get_type() != "BAD_DATA":
+                        yield peer, message
 
     def send(self, data: bytes, only: Peer | None = None, but: Peer | None = None) -> None:
         """Send to all stations, to one, or to all but one."""
@@ -97,7 +100,7 @@ class Links:
             host, port = datagrams.getsockname()
             self.urls.append(f"udpout:{host}:{port}")
         else:
-            self._peers.append(Peer(datagrams, (socket.gethostbyname(host), port)))
+            self._peers.append(Peer(datagrams, (socket.gethostbyname(host), port), self._key))
             self.urls.append(f"udpin:{host}:{port}")
 
     def _read(self, source: socket.socket) -> list[tuple[Peer, bytes]]:
@@ -127,7 +130,7 @@ class Links:
         for peer in self._peers:
             if peer.socket is source and peer.address == address:
                 return peer
-        self._peers.append(Peer(source, address))
+        self._peers.append(Peer(source, address, self._key))
         return self._peers[-1]
 
     def _write(self, peer: Peer, data: bytes) -> None:
