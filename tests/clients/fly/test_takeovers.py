@@ -15,6 +15,7 @@ from fvs_client.cli import fly as command
 from fvs_client.fly.dialects import Mode as Told
 from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.flight import Ending
+from simulators import Station
 
 from fvs_engine.lab.simulate.mavlink.flight_state import Mode
 
@@ -73,6 +74,24 @@ def test_a_pilot_keeps_the_vehicle(
     assert result.ending is Ending.PILOT
     assert "has taken over" in result.reason
     assert (result.photographs, result.unsent) == (3, 0)
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("firmware", ["ardupilot", "px4"])
+def test_another_station_replaces_the_mission(
+    simulated: Any, scene: Scene, url: str, tmp_path: Path, firmware: str
+) -> None:
+    away = {"command": 16, "x": 473779000, "y": 85417000, "z": 20.0}
+    with simulated(firmware=firmware) as simulator, ExitStack() as stack:
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl")
+        flown.wait_for("photograph", 1)
+        station = Station(simulator.url)
+        stack.callback(station.link.close)
+        assert station.upload([away, away, away, away]) == 0
+        result = flown.result()
+        assert flown.vehicle.state.armed
+    assert result.ending is Ending.PILOT
+    assert "another ground station has replaced the mission: it has " in result.reason
 
 
 def test_a_pilot_who_takes_over_on_the_way_home_keeps_the_vehicle(

@@ -32,6 +32,8 @@ _NOT_FLOWN = re.compile("^Mission rejected|^Geofence violation for waypoint")
 """PX4's texts (``FeasibilityChecker.cpp``)."""
 _TRIES = 4
 _EQUIPMENT_S = 1.0
+_UNKNOWN_TOTALS = (0, 65_535)
+"""Values of ``MISSION_CURRENT.total``: it is not told, or there is no mission."""
 
 
 @dataclass(frozen=True)
@@ -65,6 +67,8 @@ class VehicleState:
     """Whether its failsafe acts."""
     item: int = 0
     """The number of the mission item that it is at, in the list that was uploaded, whose first is home."""
+    replaced_by: int | None = None
+    """Number of items, with home, of another mission than the one that was uploaded; None as far as known."""
     fix: int = 0
     """The kind of its GPS fix, ``GPS_FIX_TYPE``; 0 when it reports none."""
     satellites: int = 0
@@ -99,6 +103,8 @@ class Vehicle:
         self._home: Home | None = None
         self._texts: deque[tuple[float, str]] = deque(maxlen=100)
         self._received: dict[str, Any] = {}
+        self._sent: int | None = None
+        """Number of items, with home, of the mission that it has got here; None before, and in an upload."""
         self._captures = Captures(self._ask_for_photograph)
         self._link = Link(url, baud=baud, system=system, heard=self._receive, key=signing_key)
         self._mavlink = self._link.mavlink
@@ -258,7 +264,9 @@ class Vehicle:
         or one that it does not fly, and ``NoAnswerError``.
         """
         began_s = time.monotonic()
+        self._know_mission(None)
         upload(self._link, items[self._not_sent :], self._not_sent)
+        self._know_mission(len(items))
         if not self.dialect.replaces_items:  # it is at another item now
             self._forget_item()
         require_same(self._link, items[self._not_sent :], self._not_sent, self.dialect)
@@ -268,6 +276,10 @@ class Vehicle:
                 f"The autopilot has the mission, and does not fly it: {'; '.join(objections)}",
                 hint="A parameter of the vehicle, or its fence, forbids it.",
             )
+
+    def _know_mission(self, count: int | None) -> None:
+        with self._link.changed:
+            self._sent, self._state = count, replace(self._state, replaced_by=None)
 
     def fence(self) -> OwnFence | None:
         """Its own fence; None when it stores none, or does not say."""
@@ -500,6 +512,9 @@ class Vehicle:
                 self._state = replace(self._state, battery=None if left < 0 else left / 100.0)
             case "MISSION_CURRENT":
                 self._state = replace(self._state, item=message.seq + self._not_sent)
+                if self._sent is not None and message.total not in _UNKNOWN_TOTALS:
+                    count = message.total + 1  # home is not counted
+                    self._state = replace(self._state, replaced_by=None if count == self._sent else count)
             case "CAMERA_IMAGE_CAPTURED":
                 home_m = math.nan if self._home is None else self._home.altitude_m
                 self._captures.add(message, home_m)

@@ -162,6 +162,12 @@ class Watch:
             raise EndedError(
                 Ending.PILOT if control is Control.OTHERS else Ending.VEHICLE, self.why(control, state)
             )
+        if state.replaced_by is not None:
+            raise EndedError(
+                Ending.PILOT,
+                f"another ground station has replaced the mission: it has {state.replaced_by} items instead "
+                f"of {len(self.items)}. The vehicle is left alone.",
+            )
         if state.battery is not None and state.battery <= self._settings.reserve:
             raise EndedError(Ending.BATTERY, f"the battery is at {state.battery:.0%}.")
         if self.paused.is_set():
