@@ -73,6 +73,27 @@ def test_another_vehicle_is_named_and_its_messages_are_not_heard(simulated: Any,
                 Vehicle(link.url, system=9, timeout_s=2.0)
 
 
+@pytest.mark.parametrize(
+    ("kind", "firmware", "reason"),
+    [
+        (mavlink.MAV_TYPE_FIXED_WING, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, "is no copter"),
+        (mavlink.MAV_TYPE_GROUND_ROVER, mavlink.MAV_AUTOPILOT_ARDUPILOTMEGA, "is no copter"),
+        (mavlink.MAV_TYPE_VTOL_TILTROTOR, mavlink.MAV_AUTOPILOT_PX4, "is no copter"),
+        (mavlink.MAV_TYPE_QUADROTOR, mavlink.MAV_AUTOPILOT_GENERIC, "firmware is not known"),
+    ],
+)
+def test_planes_rovers_and_unknown_firmware_are_refused_when_they_are_heard(
+    simulated: Any, relay: Any, kind: int, firmware: int, reason: str
+) -> None:
+    with simulated() as simulator:
+        link = relay(simulator.url)
+        link.edit = lambda message: (
+            [Other(1).heartbeat(kind, firmware)] if message.get_type() == "HEARTBEAT" else [message]
+        )
+        with pytest.raises(VehicleError, match=reason):
+            Vehicle(link.url)
+
+
 @pytest.mark.system
 def test_ground_stations_and_cameras_are_no_vehicles(simulated: Any, relay: Any) -> None:
     invalid = mavlink.MAV_AUTOPILOT_INVALID

@@ -140,6 +140,14 @@ def test_a_second_client_is_refused(simulated: Any, relay: Any) -> None:
                 Vehicle(link.url, system=system)
 
 
+def test_the_first_of_two_clients_keeps_the_vehicle(simulated: Any, monkeypatch: pytest.MonkeyPatch) -> None:
+    with simulated() as simulator, Vehicle(simulator.url) as first:
+        monkeypatch.setattr("fvs_client.fly.link._OTHERS_S", 30.0)  # it ends when the other is heard
+        with pytest.raises(VehicleError, match="Another fvs-client"):
+            Vehicle(simulator.url)
+        assert first.version() is not None
+
+
 def test_its_heartbeats_are_not_those_of_a_ground_station() -> None:
     """A failsafe for lost ground stations counts those of ``MAV_GCS_SYSID``, 255 by default."""
     heard = Link("udpin:127.0.0.1:0", baud=0, system=None, heard=print)
