@@ -1,5 +1,6 @@
 """Flights of a PX4 that does not do what it was told."""
 
+import time
 from contextlib import ExitStack
 from dataclasses import replace
 from pathlib import Path
@@ -8,6 +9,7 @@ from typing import Any
 import pytest
 from flights import SURVEY, Flown, working
 from fvs_client import Scene
+from fvs_client.fly import vehicle
 from fvs_client.fly.flight import Ending
 
 pytestmark = pytest.mark.process
@@ -57,3 +59,20 @@ def test_a_failsafe_of_px4_that_holds_first_is_waited_for(
     assert result.ending is Ending.VEHICLE
     assert "commanded by its failsafe" in result.reason
     assert flown.events("landed")
+
+
+@pytest.mark.system
+def test_a_mission_that_begins_with_its_upload_is_not_begun_twice(
+    simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """It has photographed by the time that the mission is read back."""
+    read_back = vehicle.require_same
+
+    def slow(*arguments: Any) -> None:
+        read_back(*arguments)
+        time.sleep(1.5)  # 45 s of the vehicle
+
+    monkeypatch.setattr(vehicle, "require_same", slow)
+    with simulated(firmware="px4") as simulator, working(gateway, scene), ExitStack() as stack:
+        Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl").result()
+        assert len(list(simulator.folder.glob("*.jpg"))) == 6  # with the one on the ground

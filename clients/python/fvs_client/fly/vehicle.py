@@ -316,7 +316,10 @@ class Vehicle:
         A vehicle in the mode of missions stays in it. Returns also when it changes to another mode by itself.
         """
         began_s = time.monotonic()
-        self._forget_item()
+        if self.dialect.replaces_items or self.last_state.mode is not Mode.MISSION:
+            self._forget_item()
+        elif self._soon_flies(first, last):  # it has begun with the upload: not a second time
+            return
         for _ in range(_TRIES):
             self._go_to(first)
             if self._state.mode in (Mode.HOLD, Mode.PAUSE):
@@ -325,9 +328,8 @@ class Vehicle:
                 except NoAnswerError:
                     if self.state.mode is not Mode.MISSION:  # else only the answer was lost
                         raise
-            with self._link.changed:
-                if self._link.changed.wait_for(lambda: self._flies(first, last), _CHANGE_S):
-                    return
+            if self._soon_flies(first, last):
+                return
         raise VehicleError(f"The vehicle does not begin its mission{self._said_since(began_s)}.")
 
     def pause(self) -> None:
@@ -391,6 +393,10 @@ class Vehicle:
     def _not_sent(self) -> int:
         """Number of items of a mission, home first, that are not sent to the autopilot."""
         return 0 if self.dialect.home_is_first else 1
+
+    def _soon_flies(self, first: int, last: int) -> bool:
+        with self._link.changed:
+            return bool(self._link.changed.wait_for(lambda: self._flies(first, last), _CHANGE_S))
 
     def _flies(self, first: int, last: int) -> bool:
         """Whether it is at one of these items, or in a mode that nobody commanded here."""
