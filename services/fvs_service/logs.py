@@ -53,7 +53,8 @@ def configure_logging(*, machine: bool) -> None:
 def reason_of(error: BaseException) -> str:
     """The message of a failure's cause, such as a database driver's error; its own message without one."""
     cause = error.__cause__
-    return str(error if cause is None else getattr(cause, "orig", None) or cause).strip()
+    said = str(error if cause is None else getattr(cause, "orig", None) or cause)
+    return said.partition("\n\nDebug source:")[0].strip()  # obstore's, of many lines
 
 
 def log_uncaught() -> None:

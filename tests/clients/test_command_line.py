@@ -13,6 +13,7 @@ from fvs_client import Client
 from fvs_client.cli.error_exit_codes import exit_code_of
 from fvs_client.cli.progress import ranking_progress
 from fvs_client.errors import ApiError, ConnectionFailedError, FvsError
+from fvs_service.host.worker.heartbeat import Heartbeats
 from PIL import Image
 from typer.testing import Result
 from videos import textured, write_video
@@ -376,11 +377,17 @@ def test_a_fine_model_is_measured_as_asked_for(run: Run, gateway: Any, scene_id:
     run("jobs", "cancel", job["id"])
 
 
-def test_status_tells_what_the_service_can_do(run: Run) -> None:
+def test_status_tells_what_the_service_can_do(run: Run, gateway: Any) -> None:
     shown = run("status", expect=4).stdout  # this gateway has no worker
     assert "median-frequency" in shown
     assert "uploads     work" in shown
     assert "no worker is alive" in shown
+    storage = gateway.application.storage
+    Heartbeats(storage.database, "cluster").beat(slots=0)
+    shown = run("status", expect=4).stdout
+    storage.queue.keep_workers(())
+    assert "jobs        wait: the Ray cluster cannot be reached" in shown
+    assert "cluster is alive (auto): 0 models loaded in 0 MB, it cannot reach its Ray cluster" in shown
 
 
 def test_every_error_has_a_status() -> None:

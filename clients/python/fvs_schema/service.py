@@ -79,7 +79,7 @@ class WorkerStatus(Output):
     backend: str
     """The rasteriser that it uses; until its first runner has started the one that it is set to."""
     slots: Count
-    """How many jobs it runs at once."""
+    """How many jobs it runs at once; 0 while it cannot reach its Ray cluster."""
     disk_full: bool
     """It takes no jobs until there is room."""
     work: str = "all"
@@ -88,6 +88,11 @@ class WorkerStatus(Output):
     """Scenes whose model is loaded."""
     runner_bytes: Count
     """Resident memory of its runners."""
+
+    @property
+    def takes_jobs(self) -> bool:
+        """Whether a job can begin on it."""
+        return self.alive and self.slots > 0 and not self.disk_full
 
 
 class Basemap(Output):

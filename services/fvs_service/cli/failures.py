@@ -23,10 +23,11 @@ def failures_as_messages(status: int = USAGE, *, log_json: bool = False) -> Iter
     try:
         yield
     except (EngineError, ServiceError) as error:
-        cause = error.__cause__ if isinstance(error, StorageUnavailableError) else None
+        away = isinstance(error, StorageUnavailableError) and error.__cause__ is not None
+        reason = {"reason": reason_of(error)} if away else {}
         if log_json:
-            reason = {} if cause is None else {"reason": reason_of(error)}
             structlog.get_logger().error(error.message, code=error.code, hint=error.hint, **reason)
         else:
-            typer.echo(f"Error: {error.message}\n{error.hint}\n{cause or ''}".rstrip(), err=True)
+            said = (error.message, error.hint, *reason.values())
+            typer.echo("Error: " + "\n".join(filter(None, said)), err=True)
         raise typer.Exit(status) from error

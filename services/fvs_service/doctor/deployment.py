@@ -79,6 +79,11 @@ def troubles(storage: Storage) -> Iterator[Trouble]:
             )
         elif worker.disk_full:
             yield Trouble(f"Worker {worker.id} takes no jobs: its disk is full.", "Free some space there.")
+        elif worker.slots == 0:
+            yield Trouble(
+                f"Worker {worker.id} takes no jobs: it cannot reach its Ray cluster.",
+                "Look at the log of its fvs serve, which has the reason, and what to do.",
+            )
     yield from _of_access(storage)
     yield from _of_this_machine(storage.settings)
 

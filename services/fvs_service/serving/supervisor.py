@@ -249,7 +249,7 @@ def _require_ray(settings: Settings, role: Role) -> None:
             hint="Set FVS_CLUSTER, or run `fvs serve`: on one machine it has a gateway and workers.",
         )
     if settings.cluster is not None and find_spec("ray") is None:
-        raise InvalidInputError("FVS_CLUSTER needs Ray.", hint="pip install 'fvs[ray]'")
+        raise InvalidInputError("FVS_CLUSTER needs Ray.", hint="Install the service with the extra `ray`.")
 
 
 def _require_blobs(storage: Storage) -> None:

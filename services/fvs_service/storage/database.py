@@ -194,7 +194,8 @@ def _reachable() -> Iterator[None]:
             raise OutOfSpaceError("The database's disk is full.", hint="Free some space.") from error
         raise StorageUnavailableError(
             "The database cannot be reached.",
-            hint="Try again soon. If the error persists, run fvs doctor, which reports the cause.",
+            hint="Try again soon. If the error persists, the operator can run fvs doctor, and check "
+            "FVS_DATABASE_URL.",
             retry_after_s=5,
         ) from error
 

@@ -182,19 +182,21 @@ def test_the_doctor_says_what_is_wrong_with_a_deployment(
     storage = open_gateway().application.storage
     Heartbeats(storage.database, "worker-0").beat(disk_full=True)
     Heartbeats(storage.database, "worker-1").beat()
+    Heartbeats(storage.database, "worker-2").beat(slots=0)
     with storage.database.writing() as session:
         session.execute(update(WorkerRow).where(WorkerRow.id == "worker-1").values(beaten_at_ms=0))
     ten_minutes_later = time.time() + 600
     monkeypatch.setattr("fvs_service.doctor.deployment.time.time", lambda: ten_minutes_later)
     monkeypatch.setattr(Blobs, "check", refuse)
     found = list(troubles(storage))
-    assert [trouble.serious for trouble in found] == [True, False, False, False]
+    assert [trouble.serious for trouble in found] == [True, False, False, False, False]
     said = " ".join(trouble.what for trouble in found)
     for part in (
         "no such bucket",
         "600 s ahead of",
         "worker-0 takes no jobs",
         "worker-1 has sent no heartbeat",
+        "worker-2 takes no jobs: it cannot reach its Ray cluster",
     ):
         assert part in said
 

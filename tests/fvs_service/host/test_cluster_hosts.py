@@ -274,15 +274,19 @@ def test_a_host_that_answers_nothing_is_killed_and_its_turn_goes_on_elsewhere(
     assert deaf.dead
 
 
-def test_without_the_cluster_a_queued_job_says_so_and_one_that_runs_is_left_to_its_host(
+def test_without_the_cluster_a_job_says_so_unless_its_host_may_go_on_with_it(
     dispatching: Callable[..., Dispatcher],
 ) -> None:
     dispatcher = dispatching(FakeRay(), reached=False)
     turn, ends = dispatcher.turn()
     assert ends.result(_WITHIN_S) is WaitReason.CLUSTER
     assert dispatcher.hosts.status.slots == 0
-    with dispatcher.hosts._storage.database.writing() as session:
+    storage = dispatcher.hosts._storage
+    with storage.database.writing() as session:
         move(session, Move.START, Mover.WORKER, JobRow.id == turn.job_id)
+    assert dispatcher.run(turn).result(_WITHIN_S) is WaitReason.CLUSTER
+    lease = storage.leases.acquire(turn.scene_id, "cluster")
+    assert lease is not None
     running = dispatcher.run(turn)
     time.sleep(3 * _QUICK["_PATIENCE_S"])
     assert not running.done()

@@ -162,6 +162,8 @@ def _print(job: Job, *, as_json: bool) -> None:
     typer.echo(f"{job.id}  {job.kind.value}  {job.state.value}  {job.progress:.0%}{stage}")
     if job.waiting is not None:
         typer.echo(describe_waiting(job.waiting))
+    elif job.stage is None and not job.ended:
+        typer.echo("Its runner starts. On a new machine it first compiles, for some minutes.")
     if job.error is not None:
         typer.echo(f"{job.error.message} {job.error.hint}".rstrip())
     for warning in job.warnings:

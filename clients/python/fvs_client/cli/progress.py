@@ -89,7 +89,7 @@ def job_progress(shown: Display, job: JobData) -> None:
     details: dict[str, object] = {"state": job.state.value, "stage": job.stage, "eta_s": job.eta_s}
     if job.waiting is None:
         left = "" if job.eta_s is None else f", about {_duration(job.eta_s)} left"
-        text = f"{job.stage or job.state.value}{left}"
+        text = f"{job.stage or (job.state.value if job.state.ended else 'its runner starts')}{left}"
     else:
         details["waiting"] = job.waiting.model_dump(mode="json")
         text = describe_waiting(job.waiting)

@@ -47,6 +47,8 @@ def service(context: typer.Context, *, as_json: bool, patient: bool = False) -> 
         except InvalidInput as error:
             _print_error(_refused(error), _command(context), as_json=as_json)
             raise typer.Exit(USAGE) from error
+        except BrokenPipeError:  # whoever reads the output has enough
+            raise
         except OSError as error:
             _print_file_error(error, as_json=as_json)
             raise typer.Exit(USAGE) from error

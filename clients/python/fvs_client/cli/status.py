@@ -22,7 +22,7 @@ def status(context: typer.Context, as_json: JsonOption = False) -> None:
             client.health()
         except ApiError as error:
             problem = error
-    takes_jobs = any(worker.alive and not worker.disk_full for worker in found.workers)
+    takes_jobs = any(worker.takes_jobs for worker in found.workers)
     if as_json:
         states = {"uploads": problem is None, "jobs": takes_jobs}
         print_json({**found.model_dump(mode="json"), "works": states})
@@ -45,14 +45,18 @@ def _jobs(workers: Sequence[WorkerStatus]) -> str:
     alive = [worker for worker in workers if worker.alive]
     if not alive:
         return "wait: no worker is alive; rankings of scenes that are not loaded wait too"
+    if any(worker.takes_jobs for worker in alive):
+        return "run"
     if all(worker.disk_full for worker in alive):
         return "wait: the workers' disk is full"
-    return "run"
+    return "wait: the Ray cluster cannot be reached; see the log of fvs serve --role worker"
 
 
 def _worker(worker: WorkerStatus) -> str:
     if not worker.alive:
         return f"{worker.id} has been silent for {worker.heartbeat_age_s:.0f} s"
     room = ", its disk is full" if worker.disk_full else ""
+    if worker.slots == 0:
+        room += ", it cannot reach its Ray cluster"
     memory = f"{worker.runners} models loaded in {worker.runner_bytes / 1e6:,.0f} MB"
     return f"{worker.id} is alive ({worker.backend}): {memory}{room}"

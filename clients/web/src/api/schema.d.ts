@@ -4049,7 +4049,7 @@ export interface components {
             heartbeat_age_s: number;
             /** @description The rasteriser that it uses; until its first runner has started the one that it is set to. */
             backend: string;
-            /** @description How many jobs it runs at once. */
+            /** @description How many jobs it runs at once; 0 while it cannot reach its Ray cluster. */
             slots: number;
             /** @description It takes no jobs until there is room. */
             disk_full: boolean;

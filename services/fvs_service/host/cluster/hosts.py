@@ -91,7 +91,7 @@ class ClusterHosts:
     def run(self, turn: Turn) -> WaitReason | None:
         """See ``SceneHosts``. A turn whose host died goes on with another one."""
         while not self._connected.wait(_PATIENCE_S):
-            if not self._has_begun(turn):  # else its host may go on with it
+            if not self._may_go_on(turn):
                 return WaitReason.CLUSTER
         while self._storage.queue.has(turn):
             try:
@@ -144,12 +144,14 @@ class ClusterHosts:
         self._sweeps.stop()
         self._stopping.set()
 
-    def _has_begun(self, turn: Turn) -> bool:
+    def _may_go_on(self, turn: Turn) -> bool:
+        """Whether the scene may have a host that goes on with the turn while the cluster is away."""
         try:
             with self._storage.database.reading() as session:
-                return find_job(session, turn.job_id).state is not JobState.QUEUED
+                begun = find_job(session, turn.job_id).state is not JobState.QUEUED
         except NotFoundError:
             return False
+        return begun and self._storage.leases.holder(turn.scene_id) is not None
 
     @contextlib.contextmanager
     def _using(self, scene_id: str, need: Resources, *, spare: bool) -> Iterator[Host | WaitReason]:
