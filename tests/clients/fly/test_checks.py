@@ -9,6 +9,7 @@ import pytest
 from flights import SURVEY, Flown
 from fvs_client import Scene
 from fvs_client.fly.checklist import Check, checklist
+from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.flight import Ending
 from fvs_client.fly.settings import FlightSettings
 from fvs_client.fly.vehicle import Vehicle
@@ -108,6 +109,13 @@ def test_what_prevents_arming_is_told_in_the_words_of_the_vehicle(simulated: Any
         check = _found(vehicle)["arming"]
     assert not check.fine
     assert check.found == "PreArm: Vehicle breaching Max Alt fence"
+
+
+def test_a_refused_command_has_the_words_that_come_after_the_refusal(simulated: Any) -> None:
+    with simulated() as simulator, Vehicle(simulator.url) as vehicle:
+        _set(simulator.url, {"FENCE_ALT_MAX": -5.0, "FENCE_TYPE": 1.0, "FENCE_ENABLE": 1.0})
+        with pytest.raises(VehicleError, match="says: PreArm: Vehicle breaching Max Alt fence"):
+            vehicle.arm()
 
 
 def test_the_checklist_says_where_the_flight_may_go(simulated: Any) -> None:

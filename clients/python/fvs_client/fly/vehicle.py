@@ -32,6 +32,8 @@ _NOT_FLOWN = re.compile("^Mission rejected|^Geofence violation for waypoint")
 """PX4's texts (``FeasibilityChecker.cpp``)."""
 _TRIES = 4
 _EQUIPMENT_S = 1.0
+_TEXT_S = 0.5
+"""Autopilots refuse a command before they say why."""
 _UNKNOWN_TOTALS = (0, 65_535)
 """Values of ``MISSION_CURRENT.total``: it is not told, or there is no mission."""
 
@@ -384,6 +386,7 @@ class Vehicle:
             self._mavlink.MAV_RESULT_IN_PROGRESS,
         ):
             result, name = self._name("MAV_RESULT", answer.result), self._name("MAV_CMD", number)
+            time.sleep(_TEXT_S)
             raise VehicleError(
                 f"The autopilot answers {name} with {result}{self._said_since(began_s)}.",
                 hint="Look at its messages in a ground station: checks before arming, its mode, its fence.",

@@ -87,6 +87,8 @@ class Autopilot:
         for voice in self._voices.values():
             sign_by(setup.signing_key, voice)
         self._heard_from: Peer | None = None
+        self._texts: list[tuple[Any, ...]] = []
+        """What is told to people once the message that is handled is answered."""
         kind = FIRMWARES[firmware]
         self._state = FlightState(kind.first_mode)
         place = Place(vehicle, origin, self._state)
@@ -196,10 +198,16 @@ class Autopilot:
                 self._heard_from = peer
                 handle(message)
                 self._heard_from = None
+                texts, self._texts = self._texts, []
+                for fields in texts:
+                    self._emit("statustext", *fields)
 
     def _emit(self, name: str, *fields: Any, component: int = 1, **more: Any) -> None:
         """Send a message: an answer to whom it is for, others to all."""
         if self.faults.silent:
+            return
+        if name == "statustext" and self._heard_from is not None:
+            self._texts.append(fields)
             return
         voice = self._voices[component]
         keep_time(voice)

@@ -80,11 +80,14 @@ def test_a_pause_resets_the_gimbal_and_resuming_does_not_point_it_again(tmp_path
     lines, items = recorded("pause-and-resume"), mission(recorded("flight"))
     with flown_by_station(tmp_path, limits=LIMITS, speed_up=20.0) as (simulator, station):
         assert station.upload(items) == mavlink.MAV_MISSION_ACCEPTED
+        station.until_text("Flight plan received")
         begin = len(station.heard)
         station.mode(GUIDED)
         station.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
         station.command(mavlink.MAV_CMD_MISSION_START)
         station.until_text("Mission: 3 MountControl")
+        while abs(simulator.autopilot.vehicle.pitch_deg - items[3]["param1"]) > 0.1:  # it turns for a while
+            time.sleep(0.005)
         station.mode(BRAKE)
         real_deg = recorded_pitch_deg(lines, 22.5)
         station.next("GIMBAL_DEVICE_ATTITUDE_STATUS", lambda each: abs(pitch_of(each.q) - real_deg) < 0.5)
@@ -105,6 +108,7 @@ def test_a_return_that_is_an_item_keeps_the_mode(tmp_path: Path) -> None:
     lines, items = recorded("landing-interrupted"), mission(recorded("flight"))
     with flown_by_station(tmp_path, limits=LIMITS, speed_up=20.0) as (simulator, station):
         station.upload(items)
+        station.until_text("Flight plan received")
         begin = len(station.heard)
         station.mode(GUIDED)
         station.command(mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
