@@ -88,7 +88,7 @@ def test_a_return_of_the_mission_ends_the_flight() -> None:
         ),
         (
             Mode.RETURN,
-            ["Battery 1 is low 10.50V used 2000 mAh"],
+            ["Battery 1 is low 10.50V used 2000 mAh", "Battery Failsafe"],
             Ending.VEHICLE,
             "commanded by its failsafe (it says: Battery 1 is low",
         ),

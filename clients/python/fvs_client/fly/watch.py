@@ -28,8 +28,8 @@ _FAILSAFE = re.compile(
     re.IGNORECASE,
 )
 """Texts of ArduCopter and PX4 that say why they change the mode by themselves."""
-_NO_CAUSE = "Failsafe activated"
-"""PX4's text, whatever the cause, which only its events name."""
+_NO_CAUSE = ("Failsafe activated", "Battery Failsafe")
+"""Texts without the cause: PX4's only events name it; ArduCopter has told the voltage before."""
 _FAILSAFE_S = 10.0
 _HOME_M = 2.0
 _IN_THE_AIR_M = 1.0
