@@ -6,7 +6,7 @@ from fvs_client.fly.errors import VehicleError
 from pymavlink import mavutil
 
 ARDUCOPTER = {
-    Mode.MISSION: "AUTO", Mode.HOLD: "GUIDED", Mode.PAUSE: "BRAKE", Mode.RETURN: "RTL", Mode.LAND: "LAND"
+    Mode.MISSION: "AUTO", Mode.HOLD: "GUIDED", Mode.PAUSE: "GUIDED", Mode.RETURN: "RTL", Mode.LAND: "LAND"
 }  # fmt: skip
 AUTO = {Mode.MISSION: "MISSION", Mode.PAUSE: "LOITER", Mode.RETURN: "RTL", Mode.LAND: "LAND"}
 
@@ -16,7 +16,7 @@ def test_arducopters_modes_are_pymavlinks(mode: Mode) -> None:
     number = ARDUPILOT.custom_mode(mode)
     assert mavutil.mode_mapping_acm[number] == ARDUCOPTER[mode]
     assert ARDUPILOT.modes[mode][0] == number
-    assert ARDUPILOT.mode_of(number) is mode
+    assert ARDUPILOT.mode_of(number) is ARDUPILOT.reported(mode)
 
 
 @pytest.mark.parametrize("mode", AUTO)

@@ -49,6 +49,9 @@ class Played:
     def said(self, _seconds: float) -> list[str]:
         return []
 
+    def warnings(self) -> list[str]:
+        return []
+
     def recover_captures(self) -> None: ...
 
 

@@ -18,8 +18,7 @@ ITEMS = holding(Survey(47.0, 8.0, radius_m=30.0, height_m=20.0, count=3).items(A
 WAITS_AT = len(ITEMS) - 2
 NAMES = {
     Mode.MISSION: "AUTO",
-    Mode.PAUSE: "BRAKE",
-    Mode.HOLD: "GUIDED",
+    Mode.PAUSE: "GUIDED",
     Mode.RETURN: "RTL",
     Mode.OTHER: "LOITER",
 }
@@ -33,6 +32,7 @@ class Watched:
             state=VehicleState(),
             home=Home(47.0, 8.0, 440.0),
             said=lambda _seconds: list(said),
+            warnings=lambda: list(said),
             dialect=dialect,
         )
         self.logged: list[str] = []
@@ -94,8 +94,7 @@ def test_a_return_of_the_mission_ends_the_flight() -> None:
         ),
         (Mode.OTHER, [], Ending.PILOT, "a pilot or another ground station has taken over, in LOITER"),
         (Mode.OTHER, ["EKF variance"], Ending.PILOT, "its failsafe (it says: EKF variance) has taken over"),
-        (Mode.HOLD, [], Ending.PILOT, "a pilot or another ground station has taken over, in GUIDED"),
-        (Mode.PAUSE, [], Ending.PILOT, "a pilot or another ground station has taken over, in BRAKE"),
+        (Mode.PAUSE, [], Ending.PILOT, "a pilot or another ground station has taken over, in GUIDED"),
     ],
 )
 def test_a_mode_that_was_not_commanded_ends_the_flight(
@@ -105,6 +104,14 @@ def test_a_mode_that_was_not_commanded_ends_the_flight(
     assert ended is not None
     assert ended.ending is ending
     assert reason in ended.reason
+
+
+def test_warnings_are_shown_once() -> None:
+    watched = Watched("Auto mission changed, restarted command", "GPS Glitch or Compass error")
+    for _ in range(2):
+        assert watched.after(Mode.MISSION) is None
+        watched.vehicle.warnings = lambda: ["GPS Glitch or Compass error"]
+    assert watched.logged == ["The vehicle says: GPS Glitch or Compass error"]
 
 
 def test_in_a_pause_a_mission_was_not_commanded() -> None:
@@ -132,7 +139,7 @@ def test_a_pilot_who_takes_a_vehicle_that_starts_keeps_it() -> None:
     watched.watch.starting = True
     with watched.watch.commanding(Mode.HOLD):
         assert watched.after(Mode.OTHER, armed=False) is None
-        assert watched.after(Mode.HOLD) is None
+        assert watched.after(Mode.PAUSE) is None
         ended = watched.after(Mode.OTHER)
     assert ended is not None
     assert ended.ending is Ending.PILOT

@@ -15,6 +15,7 @@ from fvs_client.cli import fly as command
 from fvs_client.fly.dialects import Mode as Told
 from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.flight import Ending
+from pymavlink.dialects.v20 import common as mavlink
 from simulators import Station
 
 from fvs_engine.lab.simulate.mavlink.flight_state import Mode
@@ -39,7 +40,7 @@ def test_a_pause_between_legs_lasts_until_it_is_ended(
         flown.wait_for("photograph", 3)
         flown.flight.pause()
         paused = simulator.autopilot.mode
-        assert paused in (Mode.BRAKE, Mode.LOITER)
+        assert paused in (Mode.GUIDED, Mode.LOITER)
         with working(gateway, scene):
             flown.wait_for("goes", 1)  # it knows where to go next
             time.sleep(1.0)  # 30 s of the vehicle
@@ -49,6 +50,24 @@ def test_a_pause_between_legs_lasts_until_it_is_ended(
             result = flown.result()
         assert not flown.vehicle.state.armed
     assert (result.ending, result.photographs) == (Ending.BUDGET, 4)
+
+
+def test_a_pause_without_a_ground_station_ends_at_home(
+    simulated: Any, scene: Scene, url: str, tmp_path: Path
+) -> None:
+    """``FS_OPTIONS`` is 16, as it is by default: a failsafe leaves modes alone in which a pilot flies."""
+    with simulated() as simulator, ExitStack() as stack:
+        station = Station(simulator.url, system=255)
+        stack.callback(station.link.close)
+        for name in (b"FS_GCS_ENABLE", b"FS_GCS_TIMEOUT"):
+            station.mav.param_set_send(1, 1, name, 1.0, mavlink.MAV_PARAM_TYPE_REAL32)
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl")
+        flown.wait_for("photograph", 1)
+        flown.flight.pause()
+        station.beat()
+        result = flown.result()
+        assert not flown.vehicle.state.armed
+    assert "is in RTL, commanded by its failsafe (it says: GCS Failsafe)" in result.reason
 
 
 @pytest.mark.system

@@ -76,7 +76,7 @@ ARDUPILOT = Dialect(
     Autopilot.ARDUPILOT,
     {
         Mode.MISSION: (3, 0),  # AUTO
-        Mode.PAUSE: (17, 0),  # BRAKE
+        Mode.PAUSE: (4, 0),  # GUIDED: in BRAKE no failsafe for ground stations acts, by FS_OPTIONS's default
         Mode.HOLD: (4, 0),  # GUIDED
         Mode.RETURN: (6, 0),  # RTL
         Mode.LAND: (9, 0),

@@ -104,6 +104,7 @@ class Vehicle:
         self._state = VehicleState()
         self._home: Home | None = None
         self._texts: deque[tuple[float, str]] = deque(maxlen=100)
+        self._warnings: deque[str] = deque(maxlen=100)
         self._received: dict[str, Any] = {}
         self._sent: int | None = None
         """Number of items, with home, of the mission that it has got here; None before, and in an upload."""
@@ -163,6 +164,13 @@ class Vehicle:
         since_s = time.monotonic() - seconds
         with self._link.changed:
             return [text for at_s, text in self._texts if at_s >= since_s]
+
+    def warnings(self) -> list[str]:
+        """Its warnings, and worse, since the last call."""
+        with self._link.changed:
+            found = list(self._warnings)
+            self._warnings.clear()
+            return found
 
     def captures(self) -> list[Capture]:
         """The photographs that the camera has reported since the last call."""
@@ -534,6 +542,8 @@ class Vehicle:
                 self._captures.are(component, message.image_count, message.time_boot_ms)
             case "STATUSTEXT":
                 self._texts.append((time.monotonic(), message.text))
+                if message.severity <= self._mavlink.MAV_SEVERITY_WARNING:
+                    self._warnings.append(message.text)
             case "HOME_POSITION":
                 if message.latitude or message.longitude:
                     place = message.latitude / 1e7, message.longitude / 1e7

@@ -30,6 +30,8 @@ _FAILSAFE = re.compile(
 """Texts of ArduCopter and PX4 that say why they change the mode by themselves."""
 _NO_CAUSE = ("Failsafe activated", "Battery Failsafe")
 """Texts without the cause: PX4's only events name it; ArduCopter has told the voltage before."""
+_UPLOADS = "Auto mission changed"
+"""ArduCopter tells uploads, ours as well."""
 _FAILSAFE_S = 10.0
 _HOME_M = 2.0
 _IN_THE_AIR_M = 1.0
@@ -68,6 +70,7 @@ class Watch:
         self._held_s = math.inf
         """Since when its failsafe has held it, on the monotonic clock."""
         self._home = vehicle.home
+        self._warned = ""
 
     def control(self, state: VehicleState) -> Control:
         """Who commands the vehicle. A return that is an item of a mission leaves ArduPilot in AUTO."""
@@ -121,7 +124,9 @@ class Watch:
     def here(self) -> VehicleState:
         """The vehicle's state. Waits for one that is silent; raises ``NoAnswerError`` when it stays so."""
         try:
-            return self._vehicle.state
+            state = self._vehicle.state
+            self._show_warnings(state)
+            return state
         except NoAnswerError as silence:
             if self.lost:
                 raise
@@ -228,6 +233,13 @@ class Watch:
         if not self.items or state.item < 0:
             return False
         return state.item >= len(self.items) or self.items[state.item].command == Command.RETURN_TO_LAUNCH
+
+    def _show_warnings(self, state: VehicleState) -> None:
+        """Show what the autopilot warns of in flight; what it repeats, once."""
+        for text in self._vehicle.warnings():
+            if (self.airborne or self.starting) and text != self._warned and not text.startswith(_UPLOADS):
+                self._log.event("warning", f"The vehicle says: {text}", state)
+            self._warned = text
 
     def _notice_home(self, state: VehicleState) -> None:
         """Report a home that has moved: the vehicle returns there, and heights are measured from it."""

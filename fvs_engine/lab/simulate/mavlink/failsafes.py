@@ -19,7 +19,8 @@ _LINK_LANDS, _LINK_RETURNS = frozenset({4, 5, 7}), frozenset({1, 2, 3, 6})
 """Values of ``FS_GCS_ENABLE``."""
 _GO_ON_IN_AUTO, _GO_ON_LANDING, _GO_ON_WITH_PILOT = 2, 8, 16
 """Bits of ``FS_OPTIONS``."""
-_AUTOPILOTS = frozenset({Mode.MISSION, Mode.GUIDED, Mode.RETURN, Mode.LAND, Mode.BRAKE, Mode.CIRCLE})
+_AUTOPILOTS = frozenset({Mode.MISSION, Mode.GUIDED, Mode.RETURN, Mode.LAND, Mode.CIRCLE})
+"""The others, BRAKE as well, count as flown by a pilot."""
 _FAR_OUTSIDE_M = 100.0
 _WARNING, _CRITICAL, _NOTICE, _INFO = (
     int(mavlink.MAV_SEVERITY_WARNING),
