@@ -6,11 +6,12 @@ import time
 from collections.abc import Callable
 from contextlib import ExitStack
 from pathlib import Path
+from threading import Event
 from typing import Any
 
 import pytest
 from flights import Flown, working
-from fvs_client import Scene
+from fvs_client import AnswerTimeoutError, Scene
 from fvs_client.cli import fly as command
 from fvs_client.fly.dialects import Mode as Told
 from fvs_client.fly.errors import VehicleError
@@ -124,6 +125,61 @@ def test_a_pilot_who_takes_over_on_the_way_home_keeps_the_vehicle(
         simulator.autopilot._pilot.enter(Mode.LOITER, "remote control")
         result = flown.result()
         assert simulator.autopilot.mode is Mode.LOITER
+    assert result.ending is Ending.PILOT
+
+
+@pytest.mark.system
+@pytest.mark.parametrize("call", ["rank", "report_visits"])
+def test_a_service_that_does_not_answer_keeps_no_vehicle_in_the_air(
+    simulated: Any,
+    gateway: Any,
+    scene: Scene,
+    url: str,
+    tmp_path: Path,
+    monkeypatch: pytest.MonkeyPatch,
+    call: str,
+) -> None:
+    called, answers = Event(), Event()
+
+    def hang(*_: Any, **__: Any) -> None:
+        called.set()
+        assert answers.wait(120.0)
+        raise AnswerTimeoutError("It does not answer.")
+
+    with simulated() as simulator, working(gateway, scene), ExitStack() as stack:
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl")
+        flown.wait_for("photograph", 1)
+        if call == "report_visits":
+            flown.wait_for("goes", 1)
+        monkeypatch.setattr(Scene, call, hang)
+        if call == "rank":
+            assert called.wait(60.0)
+        flown.flight.return_home()
+        flown.wait_for("landed", 1)
+        answers.set()
+        assert flown.result().ending is Ending.STOPPED
+        assert called.is_set()
+
+
+@pytest.mark.system
+def test_a_pilot_who_holds_the_vehicle_when_it_has_armed_keeps_it(
+    simulated: Any, relay: Any, scene: Scene, url: str, tmp_path: Path
+) -> None:
+    with simulated() as simulator, ExitStack() as stack:
+        link = relay(simulator.url)
+
+        def edit(message: Any) -> list[Any]:
+            if (
+                message.get_type() == "COMMAND_ACK"
+                and message.command == mavlink.MAV_CMD_COMPONENT_ARM_DISARM
+            ):
+                simulator.autopilot._state.mode = Mode.BRAKE
+            return [message]
+
+        link.edit = edit
+        result = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl", link=link.url).result()
+        assert simulator.autopilot.mode is Mode.BRAKE
+        assert simulator.autopilot.vehicle.flown_m == 0.0
     assert result.ending is Ending.PILOT
 
 

@@ -69,6 +69,8 @@ class Flight:
         self._over = False
         self._leg = Leg([])
         """What is flown, or was last."""
+        self._unreported = Leg([])
+        """The leg whose visits are not reported yet."""
         self._next_track_s = 0.0
         self._failed_in_row = 0
         self._shots: list[Shot] = []
@@ -158,8 +160,8 @@ class Flight:
             time.sleep(POLL_S)
             self._collect(state)
         self._close(reported, state)
-        with contextlib.suppress(FvsError):
-            self._choice.report(VisitState.TAKEN, self._late)
+        with contextlib.suppress(FvsError):  # a report that is lost expires
+            self._report()
         self._photographs.wait(self._taken, max(0.0, until_s - time.monotonic()))
 
     @property
@@ -261,15 +263,17 @@ class Flight:
         """Request views, fly there and photograph them."""
         photographs = self._settings.photographs - self._taken
         leg = self._fly(lambda: self._choice.next(photographs))
-        self._watch.trying(lambda: self._report(leg))
+        self._watch.trying(self._report)
         self._failed_in_row = 0 if leg.succeeded else self._failed_in_row + len(leg.views)
         if self._failed_in_row >= _MOST_FAILED:
             raise EndedError(Ending.CAMERA, f"the camera failed {self._failed_in_row} times in a row.")
 
-    def _report(self, leg: Leg) -> None:
-        self._choice.report(VisitState.TAKEN, [*leg.succeeded, *self._late])
+    def _report(self) -> None:
+        """Report what became of the views of the last leg, and those whose photographs came late."""
+        self._choice.report(VisitState.TAKEN, [*self._unreported.succeeded, *self._late])
         self._late.clear()
-        self._choice.report(VisitState.FAILED, leg.left)
+        self._choice.report(VisitState.FAILED, self._unreported.left)
+        self._unreported = Leg([])
 
     def _fly(self, make: Callable[[], Leg]) -> Leg:
         """Fly what ``make`` returns, unless the flight is paused, and wait for its photographs.
@@ -278,7 +282,7 @@ class Flight:
         """
         for tries_left in reversed(range(_TRIES)):
             home, last = self._vehicle.home, self._leg
-            leg = make()
+            leg = self._unreported = make()
             if self._watch.airborne and self._watch.items and self._vehicle.dialect.replaces_items:
                 leg.put(*after(leg.items, last.items, last.waits_at))
             try:
@@ -291,8 +295,6 @@ class Flight:
                     text = f"{error.message} The mission is made again."
                     self._log.event("home", text, self._vehicle.last_state)
                     continue
-                with contextlib.suppress(FvsError):  # the flight is over: a report that is lost expires
-                    self._report(leg)
                 raise
         return leg
 
@@ -326,6 +328,7 @@ class Flight:
                 with watch.commanding(Mode.HOLD):
                     vehicle.arm()
                 require_home(vehicle, home)
+                watch.require_going_on()
             with watch.commanding(Mode.MISSION):
                 vehicle.begin(leg.first, leg.waits_at)
             watch.flies()

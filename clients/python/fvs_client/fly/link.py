@@ -207,18 +207,26 @@ class Link:
         kinds: Sequence[str],
         what: str,
         fits: Callable[[Any], bool] = lambda _message: True,
+        done: Callable[[], bool] = lambda: False,
     ) -> Any:
-        """Send, repeatedly, until a message of one of ``kinds`` arrives that ``fits``; return it."""
+        """Send, repeatedly, until a message of one of ``kinds`` arrives that ``fits``; return it.
+
+        None when ``done`` holds first, which is checked after each message: then nothing is sent again.
+        """
+        found: list[Any] = []
+
+        def over() -> bool:
+            while self._answers and not found:
+                message = self._answers.popleft()
+                if message.get_type() in kinds and fits(message):
+                    found.append(message)
+            return bool(found) or done()
+
         for _ in range(_TRIES):
             send()
-            until = time.monotonic() + _ANSWER_S
             with self.changed:
-                while (left := until - time.monotonic()) > 0:
-                    while self._answers:
-                        message = self._answers.popleft()
-                        if message.get_type() in kinds and fits(message):
-                            return message
-                    self.changed.wait(left)
+                if self.changed.wait_for(over, _ANSWER_S):
+                    return found[0] if found else None
         raise NoAnswerError(
             f"The vehicle does not answer a {what}, sent {_TRIES} times.",
             hint="Check the link. The vehicle continues what it does.",

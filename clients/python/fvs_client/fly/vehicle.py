@@ -311,8 +311,12 @@ class Vehicle:
         """Start the motors, on the ground."""
         self.set_mode(Mode.HOLD)
         if not self.state.armed:
-            began_s = time.monotonic()
-            self.command(self._mavlink.MAV_CMD_COMPONENT_ARM_DISARM, 1.0)
+            began_s, mode = time.monotonic(), self.dialect.custom_mode(Mode.HOLD)
+            self.command(
+                self._mavlink.MAV_CMD_COMPONENT_ARM_DISARM,
+                1.0,
+                done=lambda: self._state.armed or self._state.custom_mode != mode,
+            )
             self.wait(lambda: self._state.armed, 10.0, "does not arm" + self._said_since(began_s))
 
     def disarm(self) -> None:
@@ -323,22 +327,21 @@ class Vehicle:
     def begin(self, first: int, last: int) -> None:
         """Fly the mission from item ``first``, and wait until it is at an item from there to ``last``.
 
-        A vehicle in the mode of missions stays in it. Returns also when it changes to another mode by itself.
+        A vehicle in the mode of missions stays in it. Returns also when somebody else changes its mode.
         """
-        began_s = time.monotonic()
-        if self.dialect.replaces_items or self.last_state.mode is not Mode.MISSION:
+        began_s, state = time.monotonic(), self.last_state
+        before = state.custom_mode
+        if self.dialect.replaces_items or state.mode is not Mode.MISSION:
             self._forget_item()
-        elif self._soon_flies(first, last):  # it has begun with the upload: not a second time
+        elif self._soon_flies(first, last, before):  # it has begun with the upload: not a second time
             return
         for _ in range(_TRIES):
             self._go_to(first)
-            if self._state.mode in (Mode.HOLD, Mode.PAUSE):
-                try:
-                    self.command(self._mavlink.MAV_CMD_MISSION_START)  # it changes the mode, and begins
-                except NoAnswerError:
-                    if self.state.mode is not Mode.MISSION:  # else only the answer was lost
-                        raise
-            if self._soon_flies(first, last):
+            if state.mode is not Mode.MISSION and self._state.custom_mode == before:
+                self.command(
+                    self._mavlink.MAV_CMD_MISSION_START, done=lambda: self._state.custom_mode != before
+                )
+            if self._soon_flies(first, last, before):
                 return
         raise VehicleError(f"The vehicle does not begin its mission{self._said_since(began_s)}.")
 
@@ -366,7 +369,11 @@ class Vehicle:
         for _ in range(_TRIES):
             if self.last_state.custom_mode not in (before, wanted):
                 raise VehicleError("Somebody else changes the vehicle's mode.")
-            self.command(self._mavlink.MAV_CMD_DO_SET_MODE, *map(float, numbers))
+            self.command(
+                self._mavlink.MAV_CMD_DO_SET_MODE,
+                *map(float, numbers),
+                done=lambda: self._state.custom_mode != before,
+            )
             until = time.monotonic() + _CHANGE_S
             with self._link.changed:
                 while self._state.custom_mode != wanted and (left := until - time.monotonic()) > 0:
@@ -378,8 +385,11 @@ class Vehicle:
             hint="A pilot's remote control, or a check before arming, may forbid it.",
         )
 
-    def command(self, number: int, *parameters: float) -> None:
-        """Send a command and wait until it is accepted; raises ``VehicleError`` when it is refused."""
+    def command(self, number: int, *parameters: float, done: Callable[[], bool] = lambda: False) -> None:
+        """Send a command and wait until it is accepted; raises ``VehicleError`` when it is refused.
+
+        It is sent again where no answer comes, but not once ``done`` holds: a pilot may have taken over.
+        """
         began_s = time.monotonic()
         given = (*parameters, *(0.0,) * (7 - len(parameters)))
         self._link.forget_answers()
@@ -388,8 +398,9 @@ class Vehicle:
             ("COMMAND_ACK",),
             "command",
             lambda message: bool(message.command == number),
+            done,
         )
-        if answer.result not in (
+        if answer is not None and answer.result not in (
             self._mavlink.MAV_RESULT_ACCEPTED,
             self._mavlink.MAV_RESULT_IN_PROGRESS,
         ):
@@ -405,16 +416,17 @@ class Vehicle:
         """Number of items of a mission, home first, that are not sent to the autopilot."""
         return 0 if self.dialect.home_is_first else 1
 
-    def _soon_flies(self, first: int, last: int) -> bool:
-        with self._link.changed:
-            return bool(self._link.changed.wait_for(lambda: self._flies(first, last), _CHANGE_S))
+    def _soon_flies(self, first: int, last: int, before: int) -> bool:
+        """Whether it is soon at one of these items, or in a mode that nobody commanded here."""
 
-    def _flies(self, first: int, last: int) -> bool:
-        """Whether it is at one of these items, or in a mode that nobody commanded here."""
-        mode = self._state.mode
-        if mode is Mode.MISSION:
-            return first <= self._state.item <= last
-        return mode not in (Mode.HOLD, Mode.PAUSE)
+        def flies() -> bool:
+            state = self._state
+            if state.mode is Mode.MISSION:
+                return first <= state.item <= last
+            return state.custom_mode != before
+
+        with self._link.changed:
+            return bool(self._link.changed.wait_for(flies, _CHANGE_S))
 
     def _forget_item(self) -> None:
         """Count only what it reports from now on."""

@@ -5,6 +5,7 @@ import re
 import threading
 import time
 from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Future, wait
 from contextlib import contextmanager
 from enum import Enum, auto
 from typing import TypeVar
@@ -207,11 +208,14 @@ class Watch:
             time.sleep(POLL_S)
 
     def trying(self, call: Callable[[], T]) -> T:
-        """Call the service, repeatedly while it cannot be reached and the vehicle can wait."""
+        """Call the service, repeatedly while it cannot be reached and the vehicle can wait.
+
+        The vehicle is watched meanwhile, and an answer is not waited for when the flight ends.
+        """
         reported = ""
         while True:
             try:
-                return call()
+                return self._watched(call)
             except FvsError as error:
                 if isinstance(error, VehicleError) or not error.retryable:
                     raise
@@ -227,6 +231,21 @@ class Watch:
                 if time.monotonic() > self.deadline_s:
                     reason = f"the service is away: {error.message}"
                     raise EndedError(Ending.SERVICE, reason) from error
+
+    def _watched(self, call: Callable[[], T]) -> T:
+        """What ``call`` returns, in a thread of its own; raises what it raises, and ``EndedError``."""
+        answer: Future[T] = Future()
+
+        def run() -> None:
+            try:
+                answer.set_result(call())
+            except BaseException as error:
+                answer.set_exception(error)
+
+        threading.Thread(target=run, name="service", daemon=True).start()
+        while not wait([answer], POLL_S).done:
+            self.require_going_on()
+        return answer.result()
 
     def _has_waited(self, state: VehicleState) -> bool:
         """Whether no mission has come in time: it is at the return of its last."""
