@@ -140,6 +140,15 @@ def test_the_checklist_says_where_the_flight_may_go(simulated: Any) -> None:
     assert "the survey and back 115 m, 1 min or more; 24 m from home at most" in found["distance"].found
 
 
+def test_checks_that_are_partly_off_and_a_wind_that_is_not_estimated_are_named(simulated: Any) -> None:
+    with simulated() as simulator, Vehicle(simulator.url) as vehicle:
+        vehicle.wait(lambda: vehicle.wind_m_s is not None, 5.0, "reports no wind")
+        _set(simulator.url, {"ARMING_CHECK": 72.0})
+        found = _found(vehicle)
+    assert str(found["arming"]) == "[LOOK] arming: disarmed; some of its checks are off -> ARMING_CHECK 1"
+    assert found["wind"].found == "not estimated: look yourself"
+
+
 def test_a_strong_wind_and_a_vehicle_that_somebody_has_armed_are_named(simulated: Any) -> None:
     with simulated(wind=Wind((0.0, 11.0))) as simulator, Vehicle(simulator.url) as vehicle:
         vehicle.wait(lambda: vehicle.wind_m_s is not None, 5.0, "reports no wind")

@@ -67,6 +67,13 @@ def test_nothing_is_off() -> None:
         ({"FENCE_ALT_MAX": 59.0}, "vehicle's fence", "FENCE_ALT_MAX"),
         ({"RTL_ALT": 0.0}, "way home", "RTL_ALT"),
         ({"RTL_ALT_M": 0.0}, "way home", "RTL_ALT_M"),
+        ({"SYSID_MYGCS": 245.0}, "lost ground station", "SYSID_MYGCS: it hides that"),  # it is ours
+        ({"MAV_GCS_SYSID": 1.0, "MAV_GCS_SYSID_HI": 255.0}, "lost ground station", "MAV_GCS_SYSID: it hides"),
+        ({"MAV_GCS_SYSID": 250.0, "MAV_GCS_SYSID_HI": 254.0}, "lost ground station", "connect that ground"),
+        ({"BATT_MONITOR": 0.0}, "low battery", "BATT_MONITOR"),
+        ({"FENCE_ENABLE": 0.0, "FENCE_AUTOENABLE": 1.0}, "vehicle's fence", "FENCE_ENABLE 1"),
+        ({"RTL_ALT_FINAL": 500.0}, "landing", "RTL_ALT_FINAL 0"),
+        ({"RTL_ALT_FINAL_M": 5.0}, "landing", "RTL_ALT_FINAL_M 0"),
     ],
 )
 def test_what_is_off_is_named_with_the_parameter_that_changes_it(
@@ -76,6 +83,43 @@ def test_what_is_off_is_named_with_the_parameter_that_changes_it(
     [off] = [check for check in checks if not check.fine]
     assert off.what == what
     assert off.remedy.startswith(remedy)
+
+
+@pytest.mark.parametrize(
+    ("changed", "line"),
+    [
+        (
+            {"FENCE_ENABLE": 0.0, "FENCE_AUTOENABLE": 3.0},
+            "vehicle's fence: RTL, else LAND (FENCE_ACTION 1), from arming on (FENCE_AUTOENABLE 3); 300 m "
+            "around home, up to 100 m",
+        ),
+        (
+            {"MAV_GCS_SYSID": 250.0, "MAV_GCS_SYSID_HI": 255.0, "FS_OPTIONS": 0.0},
+            "lost ground station: RTL (FS_GCS_ENABLE 1), also on missions (FS_OPTIONS); of system 250 to 255 "
+            "(MAV_GCS_SYSID)",
+        ),
+        (
+            {"MAV_GCS_SYSID": 255.0, "MAV_GCS_SYSID_HI": 0.0, "FS_OPTIONS": 0.0},
+            "lost ground station: RTL (FS_GCS_ENABLE 1), also on missions (FS_OPTIONS); of system 255 "
+            "(MAV_GCS_SYSID)",
+        ),
+        (
+            {"RTL_ALT_M": 20.0, "RTL_ALT_TYPE": 1.0, "RTL_CONE_SLOPE": 3.0},
+            "way home: at 20 m above the ground (RTL_ALT_TYPE) or higher (RTL_ALT_M), lower near home "
+            "(RTL_CONE_SLOPE): above all obstacles?",
+        ),
+    ],
+)
+def test_what_other_parameters_change_is_told(changed: dict[str, float], line: str) -> None:
+    checks = failsafes.ardupilot({**GOOD, **changed}, frozenset({255}), REACH)
+    assert f"[ ok ] {line}" in [str(check) for check in checks]
+
+
+def test_a_fence_of_which_nothing_is_told_is_not_off() -> None:
+    told = {name: value for name, value in GOOD.items() if not name.startswith("FENCE")}
+    check = _fence_of(failsafes.ardupilot(told, frozenset({255}), REACH))
+    assert check.found == "not told (FENCE_ENABLE)"
+    assert not check.fine
 
 
 @pytest.mark.parametrize(

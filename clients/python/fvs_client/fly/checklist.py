@@ -18,6 +18,8 @@ _STRONG_M_S = 10.0
 """A strong breeze, which small drones are not made for."""
 _HIGH_M = 120.0
 """The height of missions without a limit."""
+_ALL_CHECKS = 1
+"""Bit of ``ARMING_CHECK``."""
 _PHOTOGRAPH_S = 8.0
 """Time that the vehicle holds still at a photograph of a survey."""
 
@@ -52,8 +54,8 @@ def _vehicle(vehicle: Vehicle, values: Mapping[str, float], *, ardupilot: bool) 
         f"GPS fix {state.fix} with {state.satellites} satellites",
     )
     wind_m_s = vehicle.wind_m_s
-    if wind_m_s is None:
-        yield Check("wind", "not reported: look yourself")
+    if not wind_m_s:  # ArduCopter sends 0 where it has no estimate
+        yield Check("wind", "not estimated: look yourself")
     else:
         remedy = f"wait: more than {_STRONG_M_S:.0f} m/s" if wind_m_s > _STRONG_M_S else ""
         yield Check("wind", f"{wind_m_s:.1f} m/s as the autopilot estimates it", remedy)
@@ -65,8 +67,10 @@ def _arming(vehicle: Vehicle, values: Mapping[str, float]) -> Check:
     objections = vehicle.arming_objections()
     if objections:
         return Check("arming", "; ".join(objections), "mend it: the vehicle will not arm")
-    if values.get("ARMING_CHECK", 1.0) == 0.0:
-        return Check("arming", "disarmed; its checks are off", "ARMING_CHECK 1")
+    checks = int(values.get("ARMING_CHECK", _ALL_CHECKS))
+    if not checks & _ALL_CHECKS:
+        some = "some of its checks" if checks else "its checks"
+        return Check("arming", f"disarmed; {some} are off", "ARMING_CHECK 1")
     if values.get("ARMING_SKIPCHK", 0.0) != 0.0:
         return Check("arming", "disarmed; some of its checks are off", "ARMING_SKIPCHK 0")
     return Check("arming", "disarmed, nothing prevents it")

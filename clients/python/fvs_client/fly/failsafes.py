@@ -9,6 +9,7 @@ import math
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 
+from fvs_client.fly.link import SYSTEM
 from fvs_client.fly.own_fence import OwnFence
 from fvs_schema.fence import Fence
 
@@ -42,6 +43,8 @@ _CONTINUES_MISSION = 2
 """Bit of ``FS_OPTIONS``."""
 _EXCEPT_MISSIONS = 1
 """Bit of ``COM_DLL_EXCEPT``."""
+_ON_ARMING = 3
+"""``FENCE_AUTOENABLE``: on at arming. Its 1 and 2 switch it on after takeoffs in GUIDED alone."""
 _CEILING, _CIRCLE, _POLYGONS = 1, 2, 4
 """Bits of ``FENCE_TYPE``."""
 _LOW_CEILING_M = 10.0
@@ -53,8 +56,10 @@ ARDUPILOT = (
     "BATT_FS_LOW_ACT",
     "BATT_LOW_MAH",
     "BATT_LOW_VOLT",
+    "BATT_MONITOR",
     "FENCE_ACTION",
     "FENCE_ALT_MAX",
+    "FENCE_AUTOENABLE",
     "FENCE_ENABLE",
     "FENCE_RADIUS",
     "FENCE_TYPE",
@@ -62,8 +67,13 @@ ARDUPILOT = (
     "FS_OPTIONS",
     "FS_THR_ENABLE",
     "MAV_GCS_SYSID",  # from 4.7 on
+    "MAV_GCS_SYSID_HI",
     "RTL_ALT",
-    "RTL_ALT_M",  # after 4.7
+    "RTL_ALT_FINAL",
+    "RTL_ALT_FINAL_M",  # from 4.7 on
+    "RTL_ALT_M",
+    "RTL_ALT_TYPE",
+    "RTL_CONE_SLOPE",
     "SYSID_MYGCS",
 )
 PX4 = (
@@ -122,8 +132,7 @@ def ardupilot(values: Mapping[str, float], stations: frozenset[int], reach: Reac
     yield Check("lost remote control", action, "FS_THR_ENABLE 1" if off else "")
     yield _low_battery(values)
     yield _fence(values, reach)
-    name = "RTL_ALT_M" if "RTL_ALT_M" in values else "RTL_ALT"
-    yield _return_height(values.get(name, math.nan) / (1.0 if name == "RTL_ALT_M" else 100.0), name)
+    yield from _way_home(values)
 
 
 def px4(values: Mapping[str, float], stations: frozenset[int], reach: Reach) -> Iterator[Check]:
@@ -173,18 +182,23 @@ def px4(values: Mapping[str, float], stations: frozenset[int], reach: Reach) -> 
 def _ground_station(values: Mapping[str, float], stations: frozenset[int]) -> Check:
     what, action = "lost ground station", _action(values, "FS_GCS_ENABLE", _GCS_ACTIONS)
     name = "MAV_GCS_SYSID" if "MAV_GCS_SYSID" in values else "SYSID_MYGCS"
-    counted = values.get(name)
+    lowest = values.get(name)
     if not values.get("FS_GCS_ENABLE", 0.0):
         return Check(what, action, "FS_GCS_ENABLE 1: in a pause nothing else brings it home")
-    if counted is None:
+    if lowest is None:
         return Check(what, f"{action}, of an unknown station ({name} is not told)", name)
-    if round(counted) not in stations:
+    counted = range(round(lowest), round(max(lowest, values.get("MAV_GCS_SYSID_HI", 0.0))) + 1)
+    systems = f"{counted[0]}" if len(counted) == 1 else f"{counted[0]} to {counted[-1]}"
+    if SYSTEM in counted:
+        found = f"{action}, but this program ({SYSTEM}) counts as a ground station ({name} {systems})"
+        return Check(what, found, f"{name}: it hides that the ground station is lost")
+    if not stations & set(counted):
         heard = ", ".join(map(str, sorted(stations))) or "none"
-        found = f"{action}, but only of system {counted:.0f} ({name}), which is not heard (heard: {heard})"
+        found = f"{action}, but only of system {systems} ({name}), which is not heard (heard: {heard})"
         return Check(what, found, f"connect that ground station, or {name}: else it never acts")
     goes_on = int(values.get("FS_OPTIONS", 0.0)) & _CONTINUES_MISSION
     more = "but continues missions" if goes_on else "also on missions"
-    return Check(what, f"{action}, {more} (FS_OPTIONS); of system {counted:.0f} ({name})")
+    return Check(what, f"{action}, {more} (FS_OPTIONS); of system {systems} ({name})")
 
 
 def _low_battery(values: Mapping[str, float]) -> Check:
@@ -197,6 +211,8 @@ def _low_battery(values: Mapping[str, float]) -> Check:
         if values.get(name, 0.0) > 0.0
     ]
     found = f"{low} at {' or '.join(limits) or 'no limit'}; critical: {critical}"
+    if values.get("BATT_MONITOR") == 0.0:
+        return Check("low battery", "off, the battery is not measured (BATT_MONITOR 0)", "BATT_MONITOR")
     if not values.get("BATT_FS_LOW_ACT", 0.0):
         return Check("low battery", found, "BATT_FS_LOW_ACT 2")
     return Check("low battery", found, "" if limits else "BATT_LOW_VOLT or BATT_LOW_MAH: else it never acts")
@@ -207,11 +223,14 @@ def _fence(values: Mapping[str, float], reach: Reach) -> Check:
     kinds, (polygon, polygon_wrong) = int(values.get("FENCE_TYPE", 0.0)), _polygon(reach)
     radius_m, top_m = values.get("FENCE_RADIUS", math.inf), values.get("FENCE_ALT_MAX", math.inf)
     wrong = []
-    if not values.get("FENCE_ENABLE", 0.0):
-        found = "off"
+    on, arms = values.get("FENCE_ENABLE"), values.get("FENCE_AUTOENABLE", 0.0)
+    if not on and arms != _ON_ARMING:
+        found = "not told (FENCE_ENABLE)" if on is None else "off"
+        found += f", also after the takeoff of a mission (FENCE_AUTOENABLE {arms:.0f})" if arms else ""
         wrong += [f"FENCE_ENABLE 1,{'' if polygon else ' FENCE_RADIUS,'} FENCE_ALT_MAX"]
     else:
         found = _action(values, "FENCE_ACTION", _FENCE_ACTIONS)
+        found += "" if on else ", from arming on (FENCE_AUTOENABLE 3)"
         found += f"; {radius_m:.0f} m around home" if kinds & _CIRCLE else ""
         found += f", up to {top_m:.0f} m" if kinds & _CEILING else ""
         wrong += [f"FENCE_RADIUS: {_goes(reach)}"] if kinds & _CIRCLE and reach.away_m > radius_m else []
@@ -255,10 +274,26 @@ def _polygon(reach: Reach) -> tuple[str, list[str]]:
     return "; --geofence is not inside its polygon", ["--upload-fence, or a smaller --geofence", *wrong]
 
 
-def _return_height(height_m: float, name: str) -> Check:
+def _way_home(values: Mapping[str, float]) -> Iterator[Check]:
+    """How high ArduCopter returns, and whether it lands then."""
+    name, over = "RTL_ALT_M" if "RTL_ALT_M" in values else "RTL_ALT", "home"
+    if values.get("RTL_ALT_TYPE", 0.0):
+        over = "the ground (RTL_ALT_TYPE)"
+    lower = ", lower near home (RTL_CONE_SLOPE)" if values.get("RTL_CONE_SLOPE", 0.0) else ""
+    yield _return_height(
+        values.get(name, math.nan) / (1.0 if name == "RTL_ALT_M" else 100.0), name, over, lower
+    )
+    for name, unit_m in (("RTL_ALT_FINAL_M", 1.0), ("RTL_ALT_FINAL", 0.01)):
+        if (height_m := values.get(name, 0.0) * unit_m) > 0.0:
+            yield Check("landing", f"none: it stays {height_m:g} m above home ({name})", f"{name} 0")
+
+
+def _return_height(height_m: float, name: str, over: str = "home", lower: str = "") -> Check:
     if not height_m > 0.0:
         return Check("way home", "at the height where it is", f"{name}: it is to be above all obstacles")
-    return Check("way home", f"at {height_m:.0f} m above home or higher ({name}): above all obstacles?")
+    return Check(
+        "way home", f"at {height_m:.0f} m above {over} or higher ({name}){lower}: above all obstacles?"
+    )
 
 
 def _action(values: Mapping[str, float], name: str, actions: Sequence[str]) -> str:

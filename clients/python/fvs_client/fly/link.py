@@ -11,7 +11,7 @@ from typing import Any
 
 from fvs_client.fly.errors import NoAnswerError, VehicleError
 
-_SYSTEM, _COMPONENT = 245, 191
+SYSTEM, _COMPONENT = 245, 191
 """An onboard computer (``MAV_COMP_ID_ONBOARD_COMPUTER``) with an id that no ground station has: a failsafe
 for lost ground stations must not take its heartbeats for theirs."""
 _VERSION_2 = 0xFD
@@ -66,7 +66,7 @@ class Link:
             self._link: Any = mavutil.mavlink_connection(
                 url,
                 baud=baud,
-                source_system=_SYSTEM,
+                source_system=SYSTEM,
                 source_component=_COMPONENT,
                 autoreconnect=True,
                 dialect="ardupilotmega",  # it contains common
@@ -280,7 +280,7 @@ class Link:
             if self._key is not None and message.reason == "Invalid signature":
                 self._reject(message.data)
             return
-        if (message.get_srcSystem(), message.get_srcComponent()) == (_SYSTEM, _COMPONENT):
+        if (message.get_srcSystem(), message.get_srcComponent()) == (SYSTEM, _COMPONENT):
             self._another = True
             return
         if self._target is None:
@@ -331,7 +331,7 @@ class Link:
     @staticmethod
     def _for_us(message: Any) -> bool:
         system, component = (getattr(message, name, 0) or 0 for name in ("target_system", "target_component"))
-        return system in (0, _SYSTEM) and component in (0, _COMPONENT)
+        return system in (0, SYSTEM) and component in (0, _COMPONENT)
 
 
 def _mavutil() -> Any:
