@@ -19,6 +19,9 @@ _RESPONSE_S = 1.0
 _HELD_GUSTS = 0.15
 """Share of a gust's speed that moves the vehicle: its controller holds against the rest."""
 
+_HELD_WIND_M_S = 20.0
+"""An ArduCopter that leans by up to 30° holds against less."""
+
 _STEP_M = 1.0
 """Shortest step that counts as flown."""
 
@@ -132,7 +135,7 @@ class Vehicle:
         change = wanted - self.velocity
         most = limits.acceleration_m_s2 * seconds
         self.velocity += change * min(1.0, most / max(float(np.linalg.norm(change)), 1e-9))
-        self.position += (self.velocity + _HELD_GUSTS * self._gust) * seconds
+        self.position += (self.velocity + _HELD_GUSTS * self._gust + self._carried_m_s) * seconds
         self.position[2] = max(self.position[2], 0.0)
         self._measure()
         turn = (goal.yaw_deg - self.yaw_deg + 180.0) % 360.0 - 180.0
@@ -146,6 +149,12 @@ class Vehicle:
         limits = self.limits
         pitch = float(np.clip(pitch_deg, limits.gimbal_lowest_deg, limits.gimbal_highest_deg))
         self.pitch_deg += _towards(pitch - self.pitch_deg, limits.gimbal_rate_deg_s * seconds)
+
+    @property
+    def _carried_m_s(self) -> Array:
+        """Velocity with which a wind carries it away that it cannot hold against."""
+        wind = np.array([*self.wind.mean_m_s, 0.0])
+        return wind * max(0.0, 1.0 - _HELD_WIND_M_S / max(float(np.linalg.norm(wind)), 1e-9))
 
     def _measure(self) -> None:
         """Add to the way what is a step away from where it was added last."""

@@ -30,6 +30,7 @@ class Watched:
     def __init__(self, *said: str, flies: bool = True, dialect: Dialect = ARDUPILOT, **settings: Any) -> None:
         self.vehicle = SimpleNamespace(
             state=VehicleState(),
+            last_state=VehicleState(latitude_deg=47.0, longitude_deg=8.0),
             home=Home(47.0, 8.0, 440.0),
             said=lambda _seconds: list(said),
             warnings=lambda: list(said),

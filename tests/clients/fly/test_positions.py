@@ -13,9 +13,12 @@ from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.flight import Ending
 from fvs_client.fly.home import Home
 from fvs_client.fly.link import Link
+from fvs_client.fly.places import off_m
 from fvs_client.fly.start import require_near
 from fvs_client.fly.vehicle import Vehicle, VehicleState
 from pymavlink.dialects.v20 import common as mavlink
+
+from fvs_engine.lab.simulate.vehicle import Wind
 
 pytestmark = pytest.mark.process
 
@@ -64,6 +67,35 @@ def test_zeros_before_a_fix_are_no_position(
         monkeypatch.setattr("fvs_client.fly.vehicle._FIX_S", 0.5)
         with pytest.raises(VehicleError, match=r"has no GPS fix yet .*fix_type 1"):
             Vehicle(link.url)
+
+
+def test_a_vehicle_that_the_wind_carries_away_is_to_return(
+    simulated: Any, scene: Scene, url: str, tmp_path: Path
+) -> None:
+    with simulated() as simulator, ExitStack() as stack:
+        flown = Flown(stack, simulator, scene, url, tmp_path / "flight.jsonl")
+        flown.wait_for("photograph", 1)
+        simulator.autopilot.vehicle.wind = Wind((60.0, 0.0))
+        flown.wait_for("ends", 1)
+        simulator.autopilot.vehicle.wind = Wind()
+        result = flown.result()
+        assert not flown.vehicle.state.armed
+    assert result.ending is Ending.VEHICLE
+    assert "m off its way: too much wind, or a wrong position" in result.reason
+
+
+@pytest.mark.parametrize(
+    ("here", "away_m"),
+    [
+        ((47.0, 8.0005), 0.0),
+        ((47.0002, 8.0005), 22.2),
+        ((46.9998, 7.9990), 79.0),
+        ((47.0010, 8.0012), 15.2),
+    ],
+)
+def test_off_the_way_is_off_its_nearest_line(here: tuple[float, float], away_m: float) -> None:
+    way = [(47.0, 8.0), (47.0, 8.0), (47.0, 8.001), (47.002, 8.001)]
+    assert off_m(here, way) == pytest.approx(away_m, abs=0.2)
 
 
 @pytest.mark.parametrize("drift_m", [1.0, 6.0])

@@ -106,6 +106,7 @@ class Flight:
                 if self._watch.airborne and self._watch.control(state) is Control.OURS:
                     with self._watch.commanding(Mode.MISSION):
                         self._vehicle.resume(resumes_at(self._watch.items, state.item))
+                    self._watch.resumes()
                 self._watch.paused.clear()
 
     def _require_flight(self) -> None:
@@ -331,7 +332,7 @@ class Flight:
                 watch.require_going_on()
             with watch.commanding(Mode.MISSION):
                 vehicle.begin(leg.first, leg.waits_at)
-            watch.flies()
+            watch.flies(leg.way)
         return True
 
     def _take(self, leg: Leg) -> None:

@@ -37,6 +37,12 @@ class Leg:
         return len(self.shots)
 
     @property
+    def way(self) -> list[tuple[float, float]]:
+        """The places that it passes, in degrees."""
+        commands = (Command.TAKEOFF, Command.WAYPOINT)
+        return [(item.x, item.y) for item in self.items[self.first :] if item.command in commands]
+
+    @property
     def waits_at(self) -> int:
         """The number of the item at which the vehicle waits for its next mission."""
         return next(

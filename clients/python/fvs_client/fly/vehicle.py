@@ -76,6 +76,11 @@ class VehicleState:
     satellites: int = 0
 
     @property
+    def place(self) -> tuple[float, float]:
+        """Its latitude and longitude."""
+        return self.latitude_deg, self.longitude_deg
+
+    @property
     def located(self) -> bool:
         """Whether its position is known."""
         return math.isfinite(self.latitude_deg)

@@ -15,8 +15,10 @@ from fvs_client.fly.dialects import Mode
 from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.items import Command, MissionItem
 from fvs_client.fly.log import FlightLog
+from fvs_client.fly.places import off_m
 from fvs_client.fly.settings import EndedError, Ending, FlightSettings
 from fvs_client.fly.vehicle import Vehicle, VehicleState
+from fvs_schema.fence import Place
 
 T = TypeVar("T")
 
@@ -35,6 +37,7 @@ _UPLOADS = "Auto mission changed"
 """ArduCopter tells uploads, ours as well."""
 _FAILSAFE_S = 10.0
 _HOME_M = 2.0
+_OFF_M = 30.0
 _IN_THE_AIR_M = 1.0
 
 
@@ -72,6 +75,8 @@ class Watch:
         """Since when its failsafe has held it, on the monotonic clock."""
         self._home = vehicle.home
         self._warned = ""
+        self._way: list[Place] = []
+        """The places of its mission, from where it began it."""
 
     def control(self, state: VehicleState) -> Control:
         """Who commands the vehicle. A return that is an item of a mission leaves ArduPilot in AUTO."""
@@ -110,9 +115,15 @@ class Watch:
         """
         self._commanded, self._returns_in = frozenset(), None if mode is Mode.PAUSE else mode
 
-    def flies(self) -> None:
-        """The vehicle flies its mission."""
+    def flies(self, way: Sequence[Place] = ()) -> None:
+        """The vehicle flies its mission, from where it is along ``way``."""
+        state = self._vehicle.last_state
         self.airborne, self.deadline_s = True, math.inf
+        self._way = [state.place, *way]
+
+    def resumes(self) -> None:
+        """The vehicle flies on after a pause, in which it may have been moved."""
+        self._way = [self._vehicle.last_state.place, *self._way]
 
     def take_over(self) -> None:
         """Stop a vehicle that flies already, which the operator has allowed."""
@@ -174,6 +185,14 @@ class Watch:
                 f"another ground station has replaced the mission: it has {state.replaced_by} items instead "
                 f"of {len(self.items)}. The vehicle is left alone.",
             )
+        if state.mode is Mode.MISSION and len(self._way) > 1:
+            away_m = off_m(state.place, self._way)
+            if away_m > _OFF_M:
+                raise EndedError(
+                    Ending.VEHICLE,
+                    f"the vehicle is {away_m:.0f} m off its way: too much wind, or a wrong position. "
+                    "Land it if it does not return.",
+                )
         if state.battery is not None and state.battery <= self._settings.reserve:
             raise EndedError(Ending.BATTERY, f"the battery is at {state.battery:.0%}.")
         if self.paused.is_set():
