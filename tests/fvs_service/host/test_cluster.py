@@ -1,5 +1,6 @@
 """The parts of hosts on a cluster that need no cluster: fencing, resources, settings, reasons to wait."""
 
+import socket
 from pathlib import Path
 from typing import Any, NoReturn
 from unittest.mock import Mock
@@ -102,6 +103,7 @@ def test_a_cluster_needs_a_database_and_a_store_that_its_nodes_reach() -> None:
             Settings(cluster=address, database_url="postgresql://x", blobs=blobs)
 
 
+@pytest.mark.process
 @pytest.mark.parametrize(
     ("error", "says", "remedy"),
     [
@@ -117,13 +119,25 @@ def test_a_cluster_that_cannot_be_used_is_reported_in_a_line_with_the_remedy(
         raise error
 
     monkeypatch.setattr("ray.init", init)
-    with pytest.raises(ClusterUnavailableError) as refused:
-        connect("ray://head:10001", "fvs")
-    assert "ray://head:10001" in refused.value.message
+    with socket.create_server(("127.0.0.1", 0)) as head:
+        address = f"ray://127.0.0.1:{head.getsockname()[1]}"
+        with pytest.raises(ClusterUnavailableError) as refused:
+            connect(address, "fvs")
+    assert address in refused.value.message
     assert says in refused.value.message
     assert "\n" not in refused.value.message
     assert "Traceback" not in refused.value.message
     assert remedy in refused.value.hint
+
+
+@pytest.mark.process
+def test_a_head_that_does_not_run_is_reported_at_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr("ray.init", lambda *_, **__: pytest.fail("Ray would wait for it"))
+    with socket.create_server(("127.0.0.1", 0)) as head:
+        port = head.getsockname()[1]
+    with pytest.raises(ClusterUnavailableError, match="refused") as refused:
+        connect(f"ray://127.0.0.1:{port}", "fvs")
+    assert "10001" in refused.value.hint
 
 
 def test_the_error_of_a_host_that_cannot_start_names_the_node_and_the_reason() -> None:

@@ -3,6 +3,7 @@
 import logging
 import os
 import re
+import socket
 from typing import Any
 
 import ray
@@ -10,6 +11,7 @@ from ray.exceptions import RayTaskError
 
 from fvs_service.errors import UnavailableError
 
+_REACH_S = 3.0
 _ORIGIN = re.compile(r"\bip=([0-9A-Fa-f.:]+)")
 
 
@@ -21,6 +23,9 @@ def connect(address: str, namespace: str) -> None:
     """Connect this process to the cluster; raises ``ClusterUnavailableError``."""
     os.environ["RAY_ENABLE_AUTO_CONNECT"] = "0"  # else a call before this starts a cluster on this machine
     try:
+        if address.startswith("ray://"):  # Ray would wait for half a minute for a head that is not up yet
+            host, _, port = address.removeprefix("ray://").rpartition(":")
+            socket.create_connection((host, int(port)), _REACH_S).close()
         ray.init(address, namespace=namespace, log_to_driver=False, logging_level=logging.ERROR)
     except Exception as error:  # of many kinds
         raise ClusterUnavailableError(

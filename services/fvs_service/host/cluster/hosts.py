@@ -49,7 +49,7 @@ _POLL_S = 0.25
 _LOOK_S = 1.0
 _SILENT_S = 15.0
 """The cluster counts as away when it has not answered for this long."""
-_CONNECT_AGAIN_S = 5.0
+_CONNECT_AGAIN_S = 1.0
 _EXIT_CLUSTER_LOST = 6
 _WANTED_S = 60.0
 """A host that waits for a place is given up after this time, unless its scene has an open job."""
@@ -276,9 +276,8 @@ class ClusterHosts:
 
         When the cluster is lost this process ends, and the next one connects again.
         """
-        while not self._connect():
-            if self._stopping.wait(_CONNECT_AGAIN_S):
-                return
+        if not self._connect():
+            return
         try:
             for scene_id in ray.util.list_named_actors():
                 with contextlib.suppress(ValueError), self._changed:  # it has just ended
@@ -303,14 +302,21 @@ class ClusterHosts:
             os._exit(_EXIT_CLUSTER_LOST)
 
     def _connect(self) -> bool:
+        """Connect, however long that takes; returns False when the worker stops before."""
         assert self._settings.cluster is not None
-        try:
-            connect(self._settings.cluster, self._namespace)
-        except ClusterUnavailableError as error:
-            _log.error(error.message, hint=error.hint)
-            return False
-        _log.info("cluster reached", address=self._settings.cluster)
-        return True
+        failure = ""
+        while not self._stopping.is_set():
+            try:
+                connect(self._settings.cluster, self._namespace)
+            except ClusterUnavailableError as error:
+                if error.message != failure:
+                    failure = error.message
+                    _log.error(failure, hint=error.hint)
+                self._stopping.wait(_CONNECT_AGAIN_S)
+            else:
+                _log.info("cluster reached", address=self._settings.cluster)
+                return True
+        return False
 
     def _look_at_nodes(self) -> None:
         self._nodes = {node["NodeID"]: Resources.of_node(node) for node in alive_nodes()}
