@@ -141,7 +141,7 @@ def _tried(monkeypatch: pytest.MonkeyPatch, captures: list[Capture], **state: An
         photograph=lambda: commands.append("photograph"),
         recover_captures=lambda: commands.append("recover"),
     )
-    photographs = SimpleNamespace(tested=lambda: None, folder=Path("camera"))
+    photographs = SimpleNamespace(tested=lambda **_: None, folder=Path("camera"))
     line = str(try_camera(vehicle, Equipment("", None), photographs, lambda: None))  # type: ignore[arg-type]
     assert commands == ([] if state else ["photograph", "recover"])
     return line
@@ -159,7 +159,7 @@ def test_a_camera_without_an_answer_and_one_without_a_file_are_told_apart(
     assert (
         _tried(monkeypatch, [Capture(0, True, "")])
         == f"[LOOK] camera: {wire}; reports a photograph, but no file came into camera -> --photographs, or "
-        "how the files of the camera come there"
+        "how its files come there; a later one would be taken for the first view's"
     )
     assert (
         _tried(monkeypatch, [], armed=True)

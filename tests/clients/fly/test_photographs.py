@@ -1,9 +1,10 @@
 """Photographs of a flight in a folder that has those of earlier flights."""
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Collection
 from pathlib import Path
 
+from fvs_client.fly.captures import Capture
 from fvs_client.fly.photographs import Photographs
 from fvs_client.spool import Outbox, Refusal, Settings, State
 from fvs_client.spool.folder import find_file
@@ -44,6 +45,66 @@ def test_photographs_of_earlier_flights_are_not_waited_for(
             assert photographs.left == 0
 
 
+def _name(photographs: Photographs, named: Collection[str] = ()) -> str | None:
+    tested = photographs.tested(named)
+    return None if tested is None else tested.path.name
+
+
+def _arrived(photographs: Photographs, count: int) -> list[tuple[int, str, bool]]:
+    """The next photographs of the flight, when so many have come."""
+    arrived: list[Capture] = []
+    until = time.monotonic() + 30.0
+    while len(arrived) < count:
+        assert time.monotonic() < until
+        arrived += photographs.arrived()
+    return [(one.number, one.file, one.succeeded) for one in arrived]
+
+
+def _spool(folder: Path) -> Photographs:
+    quick = Settings(settle_s=0.05, look_every_s=0.05)
+    return Photographs(
+        folder, SCENE, url="http://127.0.0.1:9", api_key=None, say=lambda _: None, settings=quick
+    )
+
+
+def test_a_camera_that_is_switched_on_again_writes_the_same_names(
+    tmp_path: Path, photograph: Callable[..., bytes]
+) -> None:
+    (tmp_path / "DJI_0001.JPG").write_bytes(photograph(1))
+    with _spool(tmp_path) as photographs:
+        (tmp_path / "DJI_0001.JPG").write_bytes(photograph(2))
+        assert _arrived(photographs, 1) == [(0, "DJI_0001.JPG", True)]
+
+
+def test_a_raw_file_that_comes_before_its_jpeg_is_no_photograph(
+    tmp_path: Path, photograph: Callable[..., bytes]
+) -> None:
+    with _spool(tmp_path) as photographs, Outbox(tmp_path / FILE_NAME) as outbox:
+        until = time.monotonic() + 30.0
+        for number in range(2):
+            (tmp_path / f"{number}.DNG").write_bytes(photograph(number))
+            while len(outbox.all()) < 2 * number + 1:
+                assert time.monotonic() < until
+                time.sleep(0.02)
+            (tmp_path / f"{number}.JPG").write_bytes(photograph(number + 10))
+            assert _arrived(photographs, 1) == [(number, f"{number}.JPG", True)]
+
+
+def test_a_test_photograph_that_comes_late_is_known_by_its_name(
+    tmp_path: Path, photograph: Callable[..., bytes]
+) -> None:
+    with _spool(tmp_path) as photographs:
+        photographs.test()
+        assert _name(photographs, {"test.jpg"}) is None
+        photographs.begin()
+        (tmp_path / "test.jpg").write_bytes(photograph(1))
+        until = time.monotonic() + 30.0
+        while _name(photographs) != "test.jpg":
+            assert time.monotonic() < until
+        (tmp_path / "view.jpg").write_bytes(photograph(2))
+        assert _arrived(photographs, 1) == [(0, "view.jpg", True)]
+
+
 def test_the_test_photograph_is_not_sent_and_belongs_to_no_view(
     tmp_path: Path, photograph: Callable[..., bytes]
 ) -> None:
@@ -53,11 +114,12 @@ def test_the_test_photograph_is_not_sent_and_belongs_to_no_view(
         tmp_path, SCENE, url="http://127.0.0.1:9", api_key=None, say=said.append, settings=quick
     ) as photographs:
         until = time.monotonic() + 30.0
-        with photographs.testing():
-            assert photographs.tested() is None
-            (tmp_path / "test.jpg").write_bytes(photograph(1))
-            while photographs.tested() != "test.jpg":
-                assert time.monotonic() < until
+        photographs.test()
+        assert photographs.tested() is None
+        (tmp_path / "test.jpg").write_bytes(photograph(1))
+        while _name(photographs) != "test.jpg":
+            assert time.monotonic() < until
+        photographs.begin()
         (tmp_path / "view.jpg").write_bytes(photograph(2))
         arrived = []
         while not arrived and time.monotonic() < until:

@@ -7,7 +7,7 @@ from fvs_client.fly.captures import Capture
 from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.failsafes import Check
 from fvs_client.fly.log import FlightLog
-from fvs_client.fly.photographs import Photographs
+from fvs_client.fly.photographs import Photographs, is_read
 from fvs_client.fly.settings import FlightSettings
 from fvs_client.fly.vehicle import Equipment, Vehicle
 from fvs_schema.missions import Autopilot
@@ -72,18 +72,25 @@ def try_camera(
         return Check("camera", f"{name}; refuses to photograph: {error.message}", _camera_setup(vehicle))
     reports: list[Capture] = []
     until = time.monotonic() + _PHOTOGRAPH_S
-    while (file := photographs.tested()) is None and time.monotonic() < until:
-        going_on()
+    while True:
         reports += vehicle.captures()
+        file = photographs.tested(named=[report.file for report in reports if report.file])
+        if (file is not None and is_read(file)) or time.monotonic() > until:
+            break
+        going_on()
         if any(not report.succeeded for report in reports):
             return Check("camera", f"{name}; reports that its photograph failed", "its storage and its mode")
         time.sleep(_POLL_S)
     vehicle.recover_captures()  # a report that was lost is not to come in flight
+    if file is not None and is_read(file):
+        return Check("camera", f"{name}; photographs: {file.path.name}")
     if file is not None:
-        return Check("camera", f"{name}; photographs: {file}")
+        found = f"{name}; photographs: {file.path.name}, which the service does not read"
+        return Check("camera", found, "JPEG, alone or beside raw files")
     if reports:
         found = f"{name}; reports a photograph, but no file came into {photographs.folder}"
-        return Check("camera", found, "--photographs, or how the files of the camera come there")
+        remedy = "--photographs, or how its files come there; a later one would be taken for the first view's"
+        return Check("camera", found, remedy)
     found = f"{name}; does not photograph: no report and no file in {_PHOTOGRAPH_S:.0f} s"
     return Check("camera", found, _camera_setup(vehicle))
 

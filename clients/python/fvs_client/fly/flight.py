@@ -185,14 +185,13 @@ class Flight:
         if self._settings.upload_fence:
             self._vehicle.replace_fence(Fence.parse(self._settings.mission["geofence"]))
             self._log.event("fence", "The vehicle's own fence is --geofence now.", self._vehicle.last_state)
-        with self._photographs.testing():
-            going_on = self._watch.require_going_on
-            camera = try_camera(self._vehicle, equipment, self._photographs, going_on)
-            checks = checklist(self._vehicle, self._settings, equipment, camera)
-            for check in checks:
-                self._log.event("check", str(check), what=check.what, fine=check.fine)
-            if not self._confirm(checks):
-                raise EndedError(Ending.STOPPED, "the checklist was not confirmed.")
+        self._photographs.test()
+        camera = try_camera(self._vehicle, equipment, self._photographs, self._watch.require_going_on)
+        checks = checklist(self._vehicle, self._settings, equipment, camera)
+        for check in checks:
+            self._log.event("check", str(check), what=check.what, fine=check.fine)
+        if not self._confirm(checks):
+            raise EndedError(Ending.STOPPED, "the checklist was not confirmed.")
         self._vehicle.captures()  # of the test photograph
 
     def _survey(self) -> None:
@@ -330,6 +329,7 @@ class Flight:
                     vehicle.arm()
                 require_home(vehicle, home)
                 watch.require_going_on()
+            self._photographs.begin()
             with watch.commanding(Mode.MISSION):
                 vehicle.begin(leg.first, leg.waits_at)
             watch.flies(leg.way)

@@ -2,17 +2,31 @@
 
 import threading
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Collection, Iterator
 from contextlib import contextmanager
 from pathlib import Path
+from typing import NamedTuple
 
 from fvs_client.fly.captures import Capture
 from fvs_client.spool import Outbox, Photograph, Refusal, Settings, Spool, State
 from fvs_client.spool.folder import each_file
 from fvs_client.spool.outbox import FILE_NAME, TEST
+from fvs_client.spool.taking import UNSUPPORTED
 
 _LOOK_S = 0.2
 _TEST = Refusal(TEST, "It is the test photograph before takeoff.")
+
+
+class _File(NamedTuple):
+    """A file as it is: a camera that is switched on again may write the same names."""
+
+    place: Path
+    size_bytes: int
+    mtime_ns: int
+
+    @classmethod
+    def of(cls, photograph: Photograph) -> "_File":
+        return cls(_place(photograph.path), photograph.size_bytes, photograph.mtime_ns)
 
 
 class Photographs:
@@ -35,16 +49,18 @@ class Photographs:
     ) -> None:
         self.folder, self._scene_id = folder, scene_id
         self._path = folder / FILE_NAME
-        self._earlier: frozenset[Path] = frozenset()
+        self._earlier: frozenset[_File] = frozenset()
         """The files that were in the folder before this flight."""
         self._last_number = 0
         """The number of the newest photograph before this flight."""
         settings = settings or Settings(settle_s=0.5, look_every_s=0.3)
         self._known: dict[int, bool] = {}
         """Whether the photographs of this flight that ``arrived`` has returned were refused."""
-        self._before_test: frozenset[Path] | None = None
+        self._before_test: frozenset[_File] | None = None
         """The files that were in the folder before the test that goes on; None when none does."""
         self._tests: frozenset[Path] = frozenset()
+        self._named: frozenset[str] = frozenset()
+        """The names that reports gave to test photographs."""
         self._spool = Spool(
             folder, scene_id, url=url, api_key=api_key, settings=settings, refuse=self._refuse, say=say
         )
@@ -89,39 +105,50 @@ class Photographs:
     def arrived(self) -> list[Capture]:
         """The photographs of this flight that have come, or were refused, since the last call.
 
-        They are in the outbox then, and stay there until the service has them. Raises what ended the spool.
+        They are in the outbox then, and stay there until the service has them. Raw files, which it does not
+        read, are none. Raises what ended the spool.
         """
         new = []
-        for photograph in self._of_this_flight():
+        for number, photograph in enumerate(filter(is_read, self._of_this_flight())):
             refused = photograph.state is State.REFUSED
             if self._known.get(photograph.number) is not refused:
                 self._known[photograph.number] = refused
-                new.append(_captured(photograph))
+                new.append(_captured(number, photograph))
         return new
 
-    @contextmanager
-    def testing(self) -> Iterator[None]:
-        """What comes into the folder meanwhile is not sent: test photographs show the ground."""
+    def test(self) -> None:
+        """What comes into the folder from now on is not sent: test photographs show the ground."""
         self._before_test = self._files()
-        try:
-            yield
-        finally:
-            self._tests |= self._files() - self._before_test
+
+    def begin(self) -> None:
+        """What comes from now on is of the flight, unless a report has named it in a test."""
+        if self._before_test is not None:
+            self._tests |= {file.place for file in self._files() - self._before_test}
             self._before_test = None
 
-    def tested(self) -> str | None:
-        """The name of the newest test photograph, None before one; raises what ended the spool."""
-        names = [one.name for one in self._added() if _place(one.path) in self._tests]
-        return names[-1] if names else None
+    def tested(self, named: Collection[str] = ()) -> Photograph | None:
+        """The newest test photograph, None before one; raises what ended the spool.
+
+        A raw file is the last choice: the service does not read it. Those that reports have ``named`` may
+        come late.
+        """
+        self._named |= set(named)
+        tests = [one for one in self._added() if self._is_test(_place(one.path))]
+        return max(tests, key=lambda one: (is_read(one), one.number), default=None)
+
+    def _is_test(self, place: Path) -> bool:
+        return place in self._tests or place.name in self._named
 
     def _refuse(self, path: Path) -> Refusal | None:
         place, before = _place(path), self._before_test
-        if before is not None and place not in before:
+        if before is not None and _File(place, path.stat().st_size, path.stat().st_mtime_ns) not in before:
             self._tests |= {place}
-        return _TEST if place in self._tests else None
+        return _TEST if self._is_test(place) else None
 
-    def _files(self) -> frozenset[Path]:
-        return frozenset(_place(file.path) for file in each_file(self.folder))
+    def _files(self) -> frozenset[_File]:
+        return frozenset(
+            _File(_place(file.path), file.size_bytes, file.mtime_ns) for file in each_file(self.folder)
+        )
 
     def _added(self) -> list[Photograph]:
         """What was added to the outbox since the beginning."""
@@ -133,7 +160,8 @@ class Photographs:
             photograph
             for photograph in self._added()
             if photograph.scene == self._scene_id
-            and _place(photograph.path) not in self._earlier | self._tests
+            and not self._is_test(_place(photograph.path))
+            and _File.of(photograph) not in self._earlier
         ]
 
     def _ended(self) -> int:
@@ -160,7 +188,7 @@ class Photographs:
             self._begun.set()
 
 
-def _captured(photograph: Photograph) -> Capture:
+def _captured(number: int, photograph: Photograph) -> Capture:
     """A file as a report, with the position of its sidecar. Its time may be that of a slow transfer."""
     latitude_deg, longitude_deg = (
         photograph.metadata.get(name) for name in ("latitude_deg", "longitude_deg")
@@ -168,7 +196,12 @@ def _captured(photograph: Photograph) -> Capture:
     place = None
     if isinstance(latitude_deg, float) and isinstance(longitude_deg, float):
         place = latitude_deg, longitude_deg
-    return Capture(photograph.number, photograph.state is not State.REFUSED, photograph.path.name, place)
+    return Capture(number, photograph.state is not State.REFUSED, photograph.path.name, place)
+
+
+def is_read(photograph: Photograph) -> bool:
+    """Whether the service reads its format."""
+    return photograph.refusal is None or photograph.refusal.code != UNSUPPORTED
 
 
 def _place(path: Path) -> Path:

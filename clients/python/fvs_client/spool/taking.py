@@ -9,6 +9,8 @@ from fvs_client.spool.metadata import Describe, merged, read_sidecar
 from fvs_client.spool.outbox import Outbox
 from fvs_client.spool.photograph import NewPhotograph, Photograph, Refusal
 
+UNSUPPORTED = "unsupported-format"
+"""The code of a file in a format that the service does not read."""
 _READ_BYTES = 1 << 18
 
 
@@ -31,7 +33,7 @@ def take(
     if not file.readable:
         kind = file.path.suffix[1:].upper()
         refusal = Refusal(
-            "unsupported-format", f"The service does not read {kind} files.", "Export it as JPEG or PNG."
+            UNSUPPORTED, f"The service does not read {kind} files.", "Export it as JPEG or PNG."
         )
     return outbox.add(
         NewPhotograph(
