@@ -20,6 +20,7 @@ _STARTED = "Ray runtime started"
 _SETTINGS = {
     "RAY_USAGE_STATS_ENABLED": "0",
     "RAY_AUTH_MODE": "disabled",  # else a head asks for a token where ~/.ray/auth_token exists
+    "GRPC_ENABLE_FORK_SUPPORT": "0",
     "RAY_health_check_initial_delay_ms": "1000",
     "RAY_health_check_period_ms": "1000",
     "RAY_health_check_timeout_ms": "1000",
