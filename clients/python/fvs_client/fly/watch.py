@@ -183,7 +183,7 @@ class Watch:
             raise EndedError(
                 Ending.PILOT,
                 f"another ground station has replaced the mission: it has {state.replaced_by} items instead "
-                f"of {len(self.items)}. The vehicle is left alone.",
+                f"of {len(self.items)}. The vehicle is left alone: command it.",
             )
         if state.mode is Mode.MISSION and len(self._way) > 1:
             away_m = off_m(state.place, self._way)
