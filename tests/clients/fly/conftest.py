@@ -69,9 +69,9 @@ class Relay:
 def _quick_vehicles(monkeypatch: pytest.MonkeyPatch) -> None:
     """Shorten timeouts: the simulated vehicle sends every message ten times a second."""
     monkeypatch.setattr("fvs_client.fly.link._OTHERS_S", 0.4)
-    monkeypatch.setattr("fvs_client.fly.vehicle._EQUIPMENT_S", 0.4)
-    monkeypatch.setattr("fvs_client.fly.checks._BATTERY_S", 0.5)
-    monkeypatch.setattr("fvs_client.fly.checks._PHOTOGRAPH_S", 60.0)  # it ends when the file comes
+    monkeypatch.setattr("fvs_client.fly.connection._EQUIPMENT_S", 0.4)
+    monkeypatch.setattr("fvs_client.fly.equipment._BATTERY_S", 0.5)
+    monkeypatch.setattr("fvs_client.fly.equipment._PHOTOGRAPH_S", 60.0)  # it ends when the file comes
 
 
 @pytest.fixture

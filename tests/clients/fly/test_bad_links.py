@@ -10,11 +10,12 @@ from typing import Any
 
 import pytest
 from flights import begin
+from fvs_client.fly.captures import Capture
 from fvs_client.fly.dialects import ARDUPILOT, Mode
 from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.items import holding
 from fvs_client.fly.survey import Survey
-from fvs_client.fly.vehicle import Capture, Vehicle
+from fvs_client.fly.vehicle import Vehicle
 from pymavlink.dialects.v20 import common as mavlink
 
 from fvs_engine.lab.simulate.mavlink.flight_state import Faults

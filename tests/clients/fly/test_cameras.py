@@ -9,11 +9,13 @@ import pytest
 from flights import Flown, working
 from fvs_client import Scene, VisitState
 from fvs_client.fly.captures import Capture
-from fvs_client.fly.checks import try_camera
+from fvs_client.fly.connection import Equipment
 from fvs_client.fly.dialects import ARDUPILOT
+from fvs_client.fly.equipment import try_camera
 from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.flight import Ending
-from fvs_client.fly.vehicle import Equipment, Vehicle, VehicleState
+from fvs_client.fly.telemetry import VehicleState
+from fvs_client.fly.vehicle import Vehicle
 
 from fvs_engine.lab.simulate.mavlink.autopilot import Setup
 from fvs_engine.lab.simulate.mavlink.flight_state import Faults
@@ -131,7 +133,7 @@ def test_a_camera_that_does_not_photograph_is_seen_on_the_ground(
 
 def _tried(monkeypatch: pytest.MonkeyPatch, captures: list[Capture], **state: Any) -> str:
     """The line of the checklist where no file comes."""
-    monkeypatch.setattr("fvs_client.fly.checks._PHOTOGRAPH_S", 0.3)
+    monkeypatch.setattr("fvs_client.fly.equipment._PHOTOGRAPH_S", 0.3)
     heard = iter([[], captures])
     commands: list[str] = []
     vehicle = SimpleNamespace(

@@ -36,7 +36,7 @@ def _without_battery(message: Any) -> list[Any]:
 def test_a_vehicle_without_a_battery_is_not_flown_with_a_reserve(
     simulated: Any, relay: Any, scene: Scene, url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    monkeypatch.setattr("fvs_client.fly.checks._BATTERY_S", 0.5)
+    monkeypatch.setattr("fvs_client.fly.equipment._BATTERY_S", 0.5)
     with simulated() as simulator, ExitStack() as stack:
         link = relay(simulator.url)
         link.edit = _without_battery
@@ -60,7 +60,7 @@ def test_a_vehicle_without_a_battery_is_flown_without_a_reserve(
     settings: dict[str, Any],
     warned: bool,
 ) -> None:
-    monkeypatch.setattr("fvs_client.fly.checks._BATTERY_S", 0.5)
+    monkeypatch.setattr("fvs_client.fly.equipment._BATTERY_S", 0.5)
     with simulated() as simulator, ExitStack() as stack:
         link = relay(simulator.url)
         link.edit = _without_battery

@@ -7,7 +7,7 @@ import pytest
 from fvs_client import AltitudeDatum, InVolume, Orbit, Shell
 from fvs_client.fly.choice import Choice
 from fvs_client.fly.errors import VehicleError
-from fvs_client.fly.home import Home
+from fvs_client.fly.places import Home
 from fvs_client.fly.settings import EndedError, FlightSettings
 
 from fvs_schema.candidates import AroundCurrent, CandidateStatus

@@ -9,12 +9,12 @@ import pytest
 from fvs_client.fly.dialects import PX4, Mode
 from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.flight import Ending, FlightSettings
-from fvs_client.fly.home import Home
 from fvs_client.fly.homecoming import Homecoming
 from fvs_client.fly.items import Command, Frame, MissionItem
 from fvs_client.fly.log import FlightLog
+from fvs_client.fly.places import Home
 from fvs_client.fly.settings import EndedError
-from fvs_client.fly.vehicle import VehicleState
+from fvs_client.fly.telemetry import VehicleState
 from fvs_client.fly.watch import Watch
 
 _SETTINGS = FlightSettings("north", 3, silence_s=0.2)

@@ -6,12 +6,12 @@ from typing import Any
 
 import pytest
 from fvs_client.fly.dialects import ARDUPILOT, PX4, Dialect, Mode
-from fvs_client.fly.home import Home
 from fvs_client.fly.items import holding
 from fvs_client.fly.log import FlightLog
+from fvs_client.fly.places import Home
 from fvs_client.fly.settings import EndedError, Ending, FlightSettings
 from fvs_client.fly.survey import Survey
-from fvs_client.fly.vehicle import VehicleState
+from fvs_client.fly.telemetry import VehicleState
 from fvs_client.fly.watch import Control, Watch
 
 ITEMS = holding(Survey(47.0, 8.0, radius_m=30.0, height_m=20.0, count=3).items(ARDUPILOT), 60.0)

@@ -11,11 +11,11 @@ from fvs_client import Scene
 from fvs_client.fly.dialects import ARDUPILOT
 from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.flight import Ending
-from fvs_client.fly.home import Home
 from fvs_client.fly.link import Link
-from fvs_client.fly.places import off_m
+from fvs_client.fly.places import Home, off_m
 from fvs_client.fly.start import require_near
-from fvs_client.fly.vehicle import Vehicle, VehicleState
+from fvs_client.fly.telemetry import VehicleState
+from fvs_client.fly.vehicle import Vehicle
 from pymavlink.dialects.v20 import common as mavlink
 
 from fvs_engine.lab.simulate.vehicle import Wind
@@ -64,7 +64,7 @@ def test_zeros_before_a_fix_are_no_position(
             link.edit = before  # in flight the last position is kept
             assert vehicle.state.located
         assert said[0] == "The vehicle has no GPS fix yet (GPS_RAW_INT: fix_type 0): waiting for it."
-        monkeypatch.setattr("fvs_client.fly.vehicle._FIX_S", 0.5)
+        monkeypatch.setattr("fvs_client.fly.connection._FIX_S", 0.5)
         with pytest.raises(VehicleError, match=r"has no GPS fix yet .*fix_type 1"):
             Vehicle(link.url)
 

@@ -7,9 +7,9 @@ from typing import Any
 
 import pytest
 from flights import SURVEY, begin
+from fvs_client.fly.dialects import Mode as Told
 from fvs_client.fly.errors import VehicleError
 from fvs_client.fly.items import holding
-from fvs_client.fly.vehicle import Mode as Told
 from fvs_client.fly.vehicle import Vehicle
 from pymavlink.dialects.v20 import common as mavlink
 

@@ -7,11 +7,11 @@ from typing import Any
 
 import pytest
 from flights import begin
-from fvs_client.fly.dialects import ARDUPILOT
+from fvs_client.fly.dialects import ARDUPILOT, Mode
 from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.items import Command, Frame, MissionItem, holding
 from fvs_client.fly.survey import Survey
-from fvs_client.fly.vehicle import Mode, Vehicle
+from fvs_client.fly.vehicle import Vehicle
 from PIL import Image
 from pymavlink import mavutil
 

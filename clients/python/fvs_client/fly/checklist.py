@@ -5,10 +5,11 @@ from collections.abc import Iterator, Mapping
 from itertools import pairwise
 
 from fvs_client.fly import failsafes
+from fvs_client.fly.connection import Equipment
 from fvs_client.fly.failsafes import Check, Reach
 from fvs_client.fly.places import apart_m
 from fvs_client.fly.settings import FlightSettings
-from fvs_client.fly.vehicle import Equipment, Vehicle
+from fvs_client.fly.vehicle import Vehicle
 from fvs_schema.fence import Fence, Place
 from fvs_schema.missions import Autopilot
 

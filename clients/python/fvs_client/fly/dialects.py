@@ -55,6 +55,11 @@ class Dialect:
     also: Mapping[int, Mode] = field(default_factory=dict)
     """Other values of ``custom_mode`` that vehicles report, but that are never requested."""
 
+    @property
+    def not_sent(self) -> int:
+        """Number of items of a mission, home first, that are not sent to the autopilot."""
+        return 0 if self.home_is_first else 1
+
     def reported(self, mode: Mode) -> Mode:
         """The mode that it reports in a mode that is requested: two may be one for it."""
         return self.mode_of(self.custom_mode(mode))

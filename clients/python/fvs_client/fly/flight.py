@@ -11,26 +11,26 @@ import threading
 import time
 from collections.abc import Callable, Sequence
 
-from fvs_client import Candidate, ConflictError, FvsError, Job, Scene, VisitState
-from fvs_client.fly.captures import Capture
+from fvs_client import ConflictError, FvsError, Job, Scene, VisitState
 from fvs_client.fly.checklist import Check, checklist
-from fvs_client.fly.checks import require_battery, require_equipment, try_camera
 from fvs_client.fly.choice import Choice
 from fvs_client.fly.dialects import Mode
+from fvs_client.fly.equipment import require_battery, require_equipment, try_camera
 from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.ground import Ground
-from fvs_client.fly.home import Home
 from fvs_client.fly.homecoming import Homecoming
 from fvs_client.fly.items import after, holding, resumes_at
 from fvs_client.fly.leg import Leg
 from fvs_client.fly.log import FlightLog
-from fvs_client.fly.matching import Shot, shot_of
 from fvs_client.fly.photographs import Photographs
+from fvs_client.fly.places import Home
 from fvs_client.fly.settings import EndedError, Ending, FlightResult, FlightSettings
+from fvs_client.fly.shots import Shots
 from fvs_client.fly.start import HomeMovedError, require_home, require_near
 from fvs_client.fly.survey import Survey
 from fvs_client.fly.survey_limits import require_within_limits
-from fvs_client.fly.vehicle import Vehicle, VehicleState
+from fvs_client.fly.telemetry import VehicleState
+from fvs_client.fly.vehicle import Vehicle
 from fvs_client.fly.watch import POLL_S, Control, Watch
 from fvs_schema.fence import Fence
 
@@ -38,8 +38,6 @@ __all__ = ["Ending", "Flight", "FlightResult", "FlightSettings"]
 
 _TRACK_S = 0.5
 _RECOVER_S = 1.0
-_HELD_S = 3.0
-"""After a silence, photographs may be known before the vehicle says how far its mission is."""
 _TRIES = 3
 _MOST_FAILED = 3
 """Number of photographs that fail in a row after which a flight ends."""
@@ -73,12 +71,7 @@ class Flight:
         """The leg whose visits are not reported yet."""
         self._next_track_s = 0.0
         self._failed_in_row = 0
-        self._shots: list[Shot] = []
-        """The triggers of all legs, in their order."""
-        self._held: list[tuple[float, Capture]] = []
-        """Reports of no trigger that the mission is known to have reached, and when they came."""
-        self._late: list[Candidate] = []
-        """The views whose photographs came after they were reported as failed."""
+        self._shots = Shots(vehicle, photographs, settings.photographs, log)
 
     def return_home(self) -> None:
         """End the flight: the vehicle returns home now."""
@@ -149,30 +142,21 @@ class Flight:
         if failure is not None:
             raise failure
         self._wait_for_files()
-        return FlightResult(ending, reason, self._taken, self._failed, self._photographs.left)
+        return FlightResult(ending, reason, self._shots.taken, self._shots.failed, self._photographs.left)
 
     def _wait_for_files(self) -> None:
         """Wait until the photographs that were reported have come and are sent."""
         until_s = time.monotonic() + self._settings.send_s
         state = self._vehicle.last_state
-        reported = [shot for shot in self._shots if shot.reported]
-        self._collect(state)
+        reported = self._shots.reported
+        self._shots.collect(state)
         while any(not (shot.arrived or shot.failed) for shot in reported) and time.monotonic() < until_s:
             time.sleep(POLL_S)
-            self._collect(state)
-        self._close(reported, state)
+            self._shots.collect(state)
+        self._shots.close(reported, state)
         with contextlib.suppress(FvsError):  # a report that is lost expires
             self._report()
-        self._photographs.wait(self._taken, max(0.0, until_s - time.monotonic()))
-
-    @property
-    def _taken(self) -> int:
-        """Number of photographs that have arrived."""
-        return sum(shot.arrived for shot in self._shots)
-
-    @property
-    def _failed(self) -> int:
-        return sum(shot.failed for shot in self._shots)
+        self._photographs.wait(self._shots.taken, max(0.0, until_s - time.monotonic()))
 
     def _check(self) -> None:
         """Go through the checklist. Raises ``VehicleError`` for a vehicle without the required equipment."""
@@ -218,7 +202,7 @@ class Flight:
 
     def _update(self) -> None:
         """Have all photographs registered and the model trained; the vehicle waits meanwhile."""
-        photographs, watch = self._taken, self._watch
+        photographs, watch = self._shots.taken, self._watch
         while not self._photographs.wait(photographs, POLL_S * 5):
             watch.require_going_on()
             if time.monotonic() > watch.deadline_s:
@@ -251,8 +235,8 @@ class Flight:
     def _require_more(self) -> None:
         """Raise ``EndedError`` when enough photographs are taken, or the model is good enough."""
         settings = self._settings
-        if self._taken >= settings.photographs:
-            raise EndedError(Ending.BUDGET, f"all {self._taken} photographs are taken.")
+        if self._shots.taken >= settings.photographs:
+            raise EndedError(Ending.BUDGET, f"all {self._shots.taken} photographs are taken.")
         if settings.stop_at_db is None:
             return
         expected_db = self._choice.expected_db()
@@ -261,7 +245,7 @@ class Flight:
 
     def _next_leg(self) -> None:
         """Request views, fly there and photograph them."""
-        photographs = self._settings.photographs - self._taken
+        photographs = self._settings.photographs - self._shots.taken
         leg = self._fly(lambda: self._choice.next(photographs))
         self._watch.trying(self._report)
         self._failed_in_row = 0 if leg.succeeded else self._failed_in_row + len(leg.views)
@@ -270,8 +254,8 @@ class Flight:
 
     def _report(self) -> None:
         """Report what became of the views of the last leg, and those whose photographs came late."""
-        self._choice.report(VisitState.TAKEN, [*self._unreported.succeeded, *self._late])
-        self._late.clear()
+        self._choice.report(VisitState.TAKEN, [*self._unreported.succeeded, *self._shots.late])
+        self._shots.late.clear()
         self._choice.report(VisitState.FAILED, self._unreported.left)
         self._unreported = Leg([])
 
@@ -318,7 +302,7 @@ class Flight:
             if watch.paused.is_set():
                 return False
             require_near(leg.items, state, home, self._settings.mission)
-            self._collect(state)  # late reports belong to the leg before
+            self._shots.collect(state)  # late reports belong to the leg before
             vehicle.upload(leg.items)
             watch.items = leg.items
             watch.require_going_on()  # that took time: it may return by now
@@ -344,7 +328,7 @@ class Flight:
         settings, count, waits_at = self._settings, leg.count, leg.waits_at
         late_s, waits_s, asked_s = math.inf, math.inf, 0.0
         until_s = time.monotonic() + settings.leg_s * count
-        self._shots += leg.shots
+        self._shots.add(leg.shots)
         while True:
             began_s = time.monotonic()
             state = self._watch.require_going_on()
@@ -352,7 +336,7 @@ class Flight:
             until_s += now - began_s  # it may have waited for a vehicle that was silent
             self._track(state)
             leg.reach(state.item, now)
-            if self._collect(state):
+            if self._shots.collect(state):
                 late_s = math.inf
             if leg.settled:
                 break
@@ -371,64 +355,11 @@ class Flight:
                     Ending.VEHICLE, f"the vehicle is not there after {settings.leg_s * count:.0f} s."
                 )
             time.sleep(POLL_S)
-        self._close(leg.shots, state)
+        self._shots.close(leg.shots, state)
         self._watch.deadline_s = min(waits_s, time.monotonic()) + settings.patience_s
-
-    def _close(self, shots: Sequence[Shot], state: VehicleState) -> None:
-        """Wait no longer for photographs; say which did not come."""
-        missing = [shot for shot in shots if not (shot.arrived or shot.failed)]
-        for shot in shots:
-            shot.over = True
-        if missing:
-            files = sum(shot.reported for shot in missing)
-            text = f"{len(missing)} photographs did not come"
-            if files:
-                text += f": {files} were reported, but their files are not in {self._photographs.folder}"
-            self._log.event("failed", f"{text}.", state)
 
     def _track(self, state: VehicleState) -> None:
         """Log the vehicle's position at intervals."""
         if time.monotonic() >= self._next_track_s:
             self._next_track_s = time.monotonic() + _TRACK_S
             self._log.event("position", "", state)
-
-    def _collect(self, state: VehicleState) -> bool:
-        """Assign the new reports of photographs and the files that have come; whether there were any."""
-        now = time.monotonic()
-        new = [(now, capture) for capture in (*self._vehicle.captures(), *self._photographs.arrived())]
-        held, self._held = self._held, []
-        for came_s, capture in (*held, *new):
-            shot = shot_of(capture, self._shots)
-            if shot is None:
-                if now - came_s < _HELD_S:
-                    self._held.append((came_s, capture))
-                continue
-            arrived, failed, reported = shot.arrived, shot.failed, shot.reported
-            shot.reports[capture.source] = capture
-            if not reported:
-                self._shot_event("captured", "", shot, state)
-            if shot.arrived and not arrived:
-                text = f"Photograph {self._taken} of {self._settings.photographs}."
-                if shot.over:
-                    text += " It came late."
-                    self._late += [] if shot.view is None else [shot.view]
-                self._shot_event("photograph", text, shot, state)
-            elif shot.failed and not failed:
-                where = "" if shot.view is None else f" at {shot.view.id}"
-                who = "The service refuses the photograph" if arrived else "The camera reports a failure"
-                self._shot_event("failed", f"{who}{where}.", shot, state)
-        return bool(new)
-
-    def _shot_event(self, kind: str, text: str, shot: Shot, state: VehicleState) -> None:
-        """Log an event where the photograph was taken: the vehicle flies on before it is reported."""
-        details: dict[str, object] = {} if shot.view is None else {"candidate": shot.view.id}
-        said = shot.said
-        if said is not None and said.place is not None:
-            latitude_deg, longitude_deg = said.place
-            details |= {
-                "latitude_deg": latitude_deg,
-                "longitude_deg": longitude_deg,
-                "height_m": said.height_m,
-            }
-        file = next((report.file for report in shot.reports.values() if report.file), "")
-        self._log.event(kind, text, state, file=file, **details)

@@ -8,7 +8,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from fvs_client.fly.vehicle import VehicleState
+from fvs_client.fly.telemetry import VehicleState
 
 
 @dataclass

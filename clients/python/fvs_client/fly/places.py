@@ -1,12 +1,31 @@
-"""Distances between places on the ground."""
+"""Places on the ground, home among them, and the distances between them."""
 
 import math
 from collections.abc import Sequence
+from dataclasses import dataclass
 from itertools import pairwise
 
 from fvs_schema.fence import Place
 
 _DEGREE_M = 111_195.0
+
+
+@dataclass(frozen=True)
+class Home:
+    """Home as the autopilot has it (``HOME_POSITION``); the altitude is above sea level."""
+
+    latitude_deg: float
+    longitude_deg: float
+    altitude_m: float
+
+    @property
+    def place(self) -> Place:
+        """Latitude and longitude."""
+        return self.latitude_deg, self.longitude_deg
+
+    def moved_m(self, other: "Home") -> float:
+        """The distance of another home, with that in altitude."""
+        return math.hypot(apart_m(self.place, other.place), other.altitude_m - self.altitude_m)
 
 
 def apart_m(first: Place, second: Place) -> float:

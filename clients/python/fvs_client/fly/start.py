@@ -3,10 +3,10 @@
 from collections.abc import Sequence
 
 from fvs_client.fly.errors import VehicleError
-from fvs_client.fly.home import Home
 from fvs_client.fly.items import Command, Frame, MissionItem
-from fvs_client.fly.places import apart_m
-from fvs_client.fly.vehicle import Vehicle, VehicleState
+from fvs_client.fly.places import Home, apart_m
+from fvs_client.fly.telemetry import VehicleState
+from fvs_client.fly.vehicle import Vehicle
 from fvs_client.models.missions import MissionSettings
 
 _MOVED_M = 2.0

@@ -17,7 +17,8 @@ from fvs_client.fly.items import Command, MissionItem
 from fvs_client.fly.log import FlightLog
 from fvs_client.fly.places import off_m
 from fvs_client.fly.settings import EndedError, Ending, FlightSettings
-from fvs_client.fly.vehicle import Vehicle, VehicleState
+from fvs_client.fly.telemetry import VehicleState
+from fvs_client.fly.vehicle import Vehicle
 from fvs_schema.fence import Place
 
 T = TypeVar("T")

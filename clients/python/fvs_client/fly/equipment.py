@@ -4,12 +4,13 @@ import time
 from collections.abc import Callable
 
 from fvs_client.fly.captures import Capture
+from fvs_client.fly.connection import Equipment
 from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.failsafes import Check
 from fvs_client.fly.log import FlightLog
 from fvs_client.fly.photographs import Photographs, is_read
 from fvs_client.fly.settings import FlightSettings
-from fvs_client.fly.vehicle import Equipment, Vehicle
+from fvs_client.fly.vehicle import Vehicle
 from fvs_schema.missions import Autopilot
 
 _BATTERY_S = 3.0
