@@ -112,6 +112,26 @@ def test_ground_stations_and_cameras_are_no_vehicles(simulated: Any, relay: Any)
             Vehicle(link.url, timeout_s=2.0)
 
 
+def test_a_program_that_stood_still_sends_nothing_again(
+    simulated: Any, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("fvs_client.fly.link._ANSWER_S", 0.1)
+    monkeypatch.setattr("fvs_client.fly.link.STOOD_STILL_S", 0.2)
+    sent = []
+
+    def stands_still() -> bool:
+        time.sleep(0.5)
+        return False
+
+    with (
+        simulated() as simulator,
+        Vehicle(simulator.url) as vehicle,
+        pytest.raises(VehicleError, match="This program stood still for"),
+    ):
+        vehicle._link.ask(lambda: sent.append("arm"), ("MISSION_ACK",), "command", done=stands_still)
+    assert sent == ["arm"]
+
+
 def test_answers_to_others_are_not_ours(simulated: Any, relay: Any) -> None:
     vehicle_says = Other(1).says
     done = vehicle_says(mavlink.MAVLink_mission_ack_message(255, 190, mavlink.MAV_MISSION_ACCEPTED))

@@ -34,6 +34,7 @@ class Watched:
             home=Home(47.0, 8.0, 440.0),
             said=lambda _seconds: list(said),
             warnings=lambda: list(said),
+            stood_still_s=0.0,
             dialect=dialect,
         )
         self.logged: list[str] = []
@@ -105,6 +106,18 @@ def test_a_mode_that_was_not_commanded_ends_the_flight(
     assert ended is not None
     assert ended.ending is ending
     assert reason in ended.reason
+
+
+@pytest.mark.parametrize("flies", [True, False])
+def test_a_program_that_stood_still_does_not_take_off(flies: bool) -> None:
+    watched = Watched(flies=flies)
+    watched.watch.starting = True
+    with watched.watch.commanding(Mode.MISSION):
+        assert watched.after(Mode.MISSION) is None
+        watched.vehicle.stood_still_s = 30.0
+        ended = watched.after(Mode.MISSION)
+    assert (ended is None) is flies
+    assert ended is None or ended.reason == "this program stood still for 30 s before takeoff: begin again."
 
 
 def test_warnings_are_shown_once() -> None:

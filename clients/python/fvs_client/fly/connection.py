@@ -129,6 +129,11 @@ class Connection:
         self._request(self._mavlink.MAVLINK_MSG_ID_CAMERA_CAPTURE_STATUS)
 
     @property
+    def stood_still_s(self) -> float:
+        """The longest time for which this program did not run."""
+        return self._link.stood_still_s
+
+    @property
     def stations(self) -> frozenset[int]:
         """The system ids of the ground stations whose heartbeats arrive here."""
         return self._link.stations

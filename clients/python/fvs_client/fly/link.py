@@ -23,6 +23,8 @@ _TICKS_PER_S = 100_000
 """Signatures count 10 µs since 2015: https://mavlink.io/en/guide/message_signing.html."""
 _VERSION_2_S = 3.0
 """Autopilots that begin with MAVLink 1 have answered in MAVLink 2 by then."""
+STOOD_STILL_S = 10.0
+"""A program that did not run for this long sends nothing of before: the vehicle may not be where it was."""
 _HEARTBEAT_S = 1.0
 _ANSWER_S = 3.0
 _TRIES = 4
@@ -100,6 +102,8 @@ class Link:
         """Why the vehicle's heartbeats are ignored, if they are for their signature."""
         self._rejected_s = math.inf
         """When that was first seen."""
+        self.stood_still_s = 0.0
+        """The longest time for which this program did not run: it was stopped, or hung."""
         self._closed = False
         self._reader = threading.Thread(target=self._read, name="mavlink", daemon=True)
         self._reader.start()
@@ -212,6 +216,7 @@ class Link:
         """Send, repeatedly, until a message of one of ``kinds`` arrives that ``fits``; return it.
 
         None when ``done`` holds first, which is checked after each message: then nothing is sent again.
+        Raises ``NoAnswerError``, and ``VehicleError`` when this program stood still meanwhile.
         """
         found: list[Any] = []
 
@@ -223,10 +228,16 @@ class Link:
             return bool(found) or done()
 
         for _ in range(_TRIES):
+            sent_s = time.monotonic()
             send()
             with self.changed:
                 if self.changed.wait_for(over, _ANSWER_S):
                     return found[0] if found else None
+            if (late_s := time.monotonic() - sent_s) > _ANSWER_S + STOOD_STILL_S:
+                raise VehicleError(
+                    f"This program stood still for {late_s:.0f} s while it waited for an answer: a {what} is "
+                    "not sent again."
+                )
         raise NoAnswerError(
             f"The vehicle does not answer a {what}, sent {_TRIES} times.",
             hint="Check the link. The vehicle continues what it does.",
@@ -256,8 +267,10 @@ class Link:
         )
 
     def _read(self) -> None:
-        beat = -math.inf
+        beat, looped_s = -math.inf, time.monotonic()
         while not self._closed:
+            self.stood_still_s = max(self.stood_still_s, time.monotonic() - looped_s)
+            looped_s = time.monotonic()
             if time.monotonic() - beat >= _HEARTBEAT_S:
                 beat = time.monotonic()
                 mavlink, signing = self.mavlink, self._link.mav.signing

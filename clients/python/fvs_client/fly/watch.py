@@ -14,6 +14,7 @@ from fvs_client import FvsError, NoSnapshotError
 from fvs_client.fly.dialects import Mode
 from fvs_client.fly.errors import NoAnswerError, VehicleError
 from fvs_client.fly.items import Command, MissionItem
+from fvs_client.fly.link import STOOD_STILL_S
 from fvs_client.fly.log import FlightLog
 from fvs_client.fly.places import off_m
 from fvs_client.fly.settings import EndedError, Ending, FlightSettings
@@ -165,6 +166,10 @@ class Watch:
         self._notice_home(state)
         if self.asked_home.is_set():
             raise EndedError(Ending.STOPPED, "it was asked to return home.")
+        if not self.airborne and (still_s := self._vehicle.stood_still_s) > STOOD_STILL_S:
+            raise EndedError(
+                Ending.FAILED, f"this program stood still for {still_s:.0f} s before takeoff: begin again."
+            )
         if not (self.airborne or self.starting):
             if state.armed and not self._settings.take_over:
                 raise EndedError(
