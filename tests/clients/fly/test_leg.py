@@ -1,6 +1,7 @@
 """Which trigger of which leg a photograph belongs to."""
 
 import math
+import time
 from types import SimpleNamespace
 from typing import Any
 
@@ -10,8 +11,11 @@ from fvs_client.fly.captures import FOLDER, Capture, Captures, Source
 from fvs_client.fly.dialects import ARDUPILOT, PX4, Dialect
 from fvs_client.fly.items import PHOTOGRAPHS, Command, Frame, MissionItem, holding
 from fvs_client.fly.leg import Leg
+from fvs_client.fly.log import FlightLog
 from fvs_client.fly.matching import Shot, shot_of
+from fvs_client.fly.shots import Shots
 from fvs_client.fly.survey import Survey
+from fvs_client.fly.telemetry import VehicleState
 
 SURVEY = Survey(47.0, 8.0, radius_m=30.0, height_m=20.0, count=4)
 IMAGE, FEEDBACK = Source("image", 100), Source("feedback", 1)
@@ -225,3 +229,24 @@ def test_feedback_is_a_report_of_its_own() -> None:
     captures.add(report(0))
     assert captures.take()[0].source != first.source
     assert math.isclose(first.altitude_m, 453.02)
+
+
+@pytest.mark.parametrize(("looks", "kept"), [(1, True), (60, False)])
+def test_a_report_waits_for_the_mission_and_not_for_a_clock(
+    monkeypatch: pytest.MonkeyPatch, looks: int, kept: bool
+) -> None:
+    """Time passes, too, while the program does not run."""
+    made = leg()
+    reports = [[capture(made.shots[0], 1)]]
+    vehicle: Any = SimpleNamespace(captures=lambda: reports.pop() if reports else [])
+    photographs: Any = SimpleNamespace(arrived=list)
+    shots = Shots(vehicle, photographs, 4, FlightLog(None, lambda _line: None))
+    shots.add(made.shots)
+    shots.collect(VehicleState())
+    later_s = time.monotonic() + 60.0
+    monkeypatch.setattr(time, "monotonic", lambda: later_s)
+    for _ in range(looks):
+        shots.collect(VehicleState())
+    made.reach(made.shots[0].item, later_s)
+    shots.collect(VehicleState())
+    assert made.shots[0].reported is kept

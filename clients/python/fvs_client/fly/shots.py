@@ -1,6 +1,5 @@
 """The photographs of a flight: which of its triggers have one, as reports and files come."""
 
-import time
 from collections.abc import Sequence
 
 from fvs_client import Candidate
@@ -11,8 +10,9 @@ from fvs_client.fly.photographs import Photographs
 from fvs_client.fly.telemetry import VehicleState
 from fvs_client.fly.vehicle import Vehicle
 
-_HELD_S = 3.0
-"""After a silence, photographs may be known before the vehicle says how far its mission is."""
+_HELD = 30
+"""Number of looks, ten a second: photographs may be known before the vehicle says how far its mission is.
+Time would also pass while this program does not run, and hears nothing."""
 
 
 class Shots:
@@ -23,8 +23,8 @@ class Shots:
         self._wanted, self._log = wanted, log
         self._all: list[Shot] = []
         """In the order of the legs."""
-        self._held: list[tuple[float, Capture]] = []
-        """Reports of no trigger that the mission is known to have reached, and when they came."""
+        self._held: list[tuple[int, Capture]] = []
+        """Reports of no trigger that the mission is known to have reached, and how many looks are left."""
         self.late: list[Candidate] = []
         """The views whose photographs came after they were reported as failed."""
 
@@ -49,14 +49,13 @@ class Shots:
 
     def collect(self, state: VehicleState) -> bool:
         """Assign the new reports of photographs and the files that have come; whether there were any."""
-        now = time.monotonic()
-        new = [(now, capture) for capture in (*self._vehicle.captures(), *self._photographs.arrived())]
+        new = [(_HELD, capture) for capture in (*self._vehicle.captures(), *self._photographs.arrived())]
         held, self._held = self._held, []
-        for came_s, capture in (*held, *new):
+        for looks, capture in (*held, *new):
             shot = shot_of(capture, self._all)
             if shot is None:
-                if now - came_s < _HELD_S:
-                    self._held.append((came_s, capture))
+                if looks:
+                    self._held.append((looks - 1, capture))
                 continue
             arrived, failed, reported = shot.arrived, shot.failed, shot.reported
             shot.reports[capture.source] = capture
