@@ -134,7 +134,7 @@ def test_a_worker_without_a_cluster_and_a_cluster_without_ray_are_refused_with_t
     monkeypatch.setattr("fvs_service.serving.supervisor.find_spec", lambda _name: None)
     refused = _fvs(*worker)
     assert refused.exit_code != 0
-    assert "fvs[ray]" in refused.stderr
+    assert "extra `ray`" in refused.stderr
     assert not (tmp_path / "service").exists()
 
 

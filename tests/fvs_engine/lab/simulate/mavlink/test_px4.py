@@ -202,7 +202,7 @@ def test_a_mission_is_begun_where_it_is_marked(flown: Any) -> None:
         ):
             assert ground.upload(items) == mavlink.MAV_MISSION_ACCEPTED
             until(lambda number=number: mission.current == number)  # type: ignore[misc]
-        ground.next("MISSION_CURRENT", lambda message: message.seq == 1)
+        until(lambda: mission.current == 1)  # messages of before may still come
         assert ground.upload([{**TAKEOFF, "z": 30.0, "current": 1}, waits, RETURN]) == 0
         assert mission.current == 1
 
