@@ -1,4 +1,4 @@
-"""Flights of a PX4 that does not do what it was told."""
+"""Flights of a simulated PX4 that rejects missions or changes its mode."""
 
 import time
 from contextlib import ExitStack
@@ -65,7 +65,7 @@ def test_a_failsafe_of_px4_that_holds_first_is_waited_for(
 def test_a_mission_that_begins_with_its_upload_is_not_begun_twice(
     simulated: Any, gateway: Any, scene: Scene, url: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    """It has photographed by the time that the mission is read back."""
+    """PX4 begins it with the upload, and has photographed before it is read back."""
     read_back = vehicle.require_same
 
     def slow(*arguments: Any) -> None:

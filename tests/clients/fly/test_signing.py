@@ -1,4 +1,4 @@
-"""Links whose messages are signed, and clients without the key."""
+"""Signed links, and clients without the key."""
 
 import socket
 from hashlib import sha256

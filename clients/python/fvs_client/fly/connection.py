@@ -256,5 +256,5 @@ class Connection:
 
 
 def _text(name: Any) -> str:
-    """A name that is an array of bytes."""
+    """Decode a ``char[]`` field, padded with zeros."""
     return bytes(name).rstrip(b"\0").decode(errors="replace")

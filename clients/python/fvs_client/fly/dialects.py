@@ -57,7 +57,7 @@ class Dialect:
 
     @property
     def not_sent(self) -> int:
-        """Number of items of a mission, home first, that are not sent to the autopilot."""
+        """Number of items at the start of a mission (home) that are not sent to the autopilot."""
         return 0 if self.home_is_first else 1
 
     def reported(self, mode: Mode) -> Mode:

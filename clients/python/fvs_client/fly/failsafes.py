@@ -48,7 +48,7 @@ _ON_ARMING = 3
 _CEILING, _CIRCLE, _POLYGONS = 1, 2, 4
 """Bits of ``FENCE_TYPE``."""
 _LOW_CEILING_M = 10.0
-"""A ceiling of the vehicle's at most so far above the flight's stops a climb early."""
+"""A fence ceiling more than this above ``--highest`` is pointed out."""
 ARDUPILOT = (
     "ARMING_CHECK",
     "ARMING_SKIPCHK",  # from 4.7 on
@@ -275,7 +275,7 @@ def _polygon(reach: Reach) -> tuple[str, list[str]]:
 
 
 def _way_home(values: Mapping[str, float]) -> Iterator[Check]:
-    """How high ArduCopter returns, and whether it lands then."""
+    """ArduCopter's altitude of return, and whether it lands at home."""
     name, over = "RTL_ALT_M" if "RTL_ALT_M" in values else "RTL_ALT", "home"
     if values.get("RTL_ALT_TYPE", 0.0):
         over = "the ground (RTL_ALT_TYPE)"

@@ -17,7 +17,7 @@ for lost ground stations must not take its heartbeats for theirs."""
 _VERSION_2 = 0xFD
 """The first byte of a message of MAVLink 2."""
 _SIGNED = 1
-"""Bit of the flags, its third byte."""
+"""``MAVLINK_IFLAG_SIGNED``, a bit of ``incompat_flags``, the third byte of a message."""
 _BEGAN_2015_S = 1_420_070_400
 _TICKS_PER_S = 100_000
 """Signatures count 10 µs since 2015: https://mavlink.io/en/guide/message_signing.html."""

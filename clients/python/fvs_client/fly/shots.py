@@ -29,7 +29,7 @@ class Shots:
         """The views whose photographs came after they were reported as failed."""
 
     def add(self, shots: Sequence[Shot]) -> None:
-        """Add the triggers of a leg that begins."""
+        """Add the triggers of a new leg."""
         self._all += shots
 
     @property

@@ -133,7 +133,7 @@ class Telemetry:
                 self.received[message.get_type()] = message
 
     def forget_item(self) -> None:
-        """Count only the item that it reports from now on."""
+        """Forget the current mission item until the vehicle reports it again."""
         self.state = replace(self.state, item=-1)
 
     def know_mission(self, count: int | None) -> None:

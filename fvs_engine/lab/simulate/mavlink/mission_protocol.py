@@ -40,7 +40,7 @@ class Upload:
 
 
 class ItemList:
-    """One list of items, which stations write and read.
+    """A list of items that ground stations upload and download.
 
     ``changed`` is called when it is another, with the number of the item that was marked as the current one.
 

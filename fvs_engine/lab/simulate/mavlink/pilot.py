@@ -208,7 +208,7 @@ class Pilot:
                 self._board.text("Mission finished, loitering")
 
     def _point_again(self) -> None:
-        """Point the gimbal as the mission has it: PX4 does so when it enters the mode, and not ArduPilot."""
+        """Point the gimbal as the mission has set it: PX4 does so on entering the mode."""
         before = self._items()[: self.mission.current]
         for item in (each for each in before if each.command == mavlink.MAV_CMD_DO_MOUNT_CONTROL):
             self.navigator.do(item)
