@@ -46,6 +46,7 @@ _STARTS_PROCESSES = {"gateway", "open_gateway", "serve", "running", "script", "s
 _STARTS_PROCESSES |= {"real_service", "played_service", "fvs", "fvs_command", "fvs_until", "yard_dir"}
 _PROCESS_FILES = (
     "clients/test_command_line.py",
+    "clients/test_ranking_commands.py",
     "console/",
     "contract/test_access_rule.py",
     "contract/test_released_contract.py",

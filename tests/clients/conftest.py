@@ -61,6 +61,12 @@ def client(url: str) -> Iterator[Client]:
 
 
 @pytest.fixture
+def scene_id(client: Client) -> str:
+    """A scene without images."""
+    return client.scenes.create("quarry").id
+
+
+@pytest.fixture
 def run(url: str, monkeypatch: pytest.MonkeyPatch) -> Callable[..., Result]:
     """Runs `fvs-client` with these words, and checks its exit status."""
     monkeypatch.setenv("FVS_URL", url)
