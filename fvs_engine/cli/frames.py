@@ -27,7 +27,9 @@ def frames(
     try:
         from fvs_engine.video.extract import extract_frames
     except ModuleNotFoundError as error:
-        raise typer.BadParameter("Videos need PyAV: pip install 'fvs[video]'.", param_hint="VIDEO") from error
+        raise typer.BadParameter(
+            "Videos need PyAV: install fvs with the extra `video`.", param_hint="VIDEO"
+        ) from error
     from fvs_engine.cli import report
     from fvs_engine.cli.jobs import run_job
 

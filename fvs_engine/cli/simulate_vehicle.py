@@ -166,7 +166,7 @@ def simulate_vehicle(
     try:
         from fvs_engine.lab.simulate.mavlink.autopilot import Autopilot, Setup
     except ModuleNotFoundError as error:
-        typer.echo("Error: MAVLink needs pymavlink: pip install 'fvs[simulate]'.", err=True)
+        typer.echo("Error: MAVLink needs pymavlink: install fvs with the extra `simulate`.", err=True)
         raise typer.Exit(2) from error
     from fvs_engine.cli.jobs import fail as end
     from fvs_engine.errors import EngineError

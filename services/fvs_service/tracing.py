@@ -81,7 +81,7 @@ class Tracing:
             from opentelemetry.sdk.trace import TracerProvider
             from opentelemetry.sdk.trace.export import BatchSpanProcessor
         except ImportError as error:
-            _log.warning(f"nothing is traced: {named} needs pip install 'fvs[otel]'", reason=str(error))
+            _log.warning(f"nothing is traced: {named} needs the extra `otel` of fvs", reason=str(error))
             return cls()
         name = os.environ.get("OTEL_SERVICE_NAME") or process
         provider = TracerProvider(resource=Resource.create({SERVICE_NAME: name}), shutdown_on_exit=False)

@@ -71,7 +71,7 @@ def require_kind(metadata: ImageMetadata) -> None:
     if find_spec("av") is None:
         raise UnsupportedMediaTypeError(
             "This service takes no videos: PyAV is not installed.",
-            hint="Install it with the service: pip install 'fvs[video]'. Or send frames: fvs frames VIDEO.",
+            hint="Install the service with the extra `video`. Or send frames: fvs frames VIDEO.",
         )
     given = metadata.model_dump(exclude={"name", "every_s"}, exclude_none=True)
     if given:

@@ -27,4 +27,4 @@ def test_without_the_extra_it_says_how_to_get_it(monkeypatch: pytest.MonkeyPatch
     monkeypatch.setitem(sys.modules, "av", None)
     result = CliRunner().invoke(app, ["--json", "frames", str(tmp_path / "a.mp4"), "--out", str(tmp_path)])
     assert result.exit_code == 2
-    assert "pip install 'fvs[video]'" in json.loads(result.stderr)["error"]["message"]
+    assert "extra `video`" in json.loads(result.stderr)["error"]["message"]

@@ -146,7 +146,7 @@ def test_a_service_without_pyav_says_so(gateway: Any, clip: bytes, monkeypatch: 
     monkeypatch.setattr(videos, "find_spec", lambda _name: None)
     refused = gateway.put(gateway.scene(), clip, name="a.mp4")
     assert refused.status_code == 415
-    assert "fvs[video]" in refused.json()["hint"]
+    assert "extra `video`" in refused.json()["hint"]
 
 
 def test_frames_are_asked_for_only_while_a_video_waits(gateway: Any, clip: bytes) -> None:

@@ -34,9 +34,9 @@ class Connection:
 
     ``url`` is pymavlink's: ``tcp:127.0.0.1:5760``, ``udpin:0.0.0.0:14550``, ``/dev/ttyUSB0``. ``system`` is
     the MAVLink id of the vehicle, if there are several on the link, ``signing_key`` the 32 bytes that sign
-    its messages. Waits until the vehicle has a GPS fix and
-    a home; ``say`` gets what is waited for. Raises ``VehicleError`` without pymavlink, for several vehicles,
-    for one that is no copter of ArduPilot or PX4 or gets no fix, and ``NoAnswerError`` when none answers.
+    its messages. Waits until the vehicle has a GPS fix and a home; ``say`` gets what is waited for. Raises
+    ``VehicleError`` without pymavlink, for several vehicles, for one that is no copter of ArduPilot or PX4
+    or gets no fix, and ``NoAnswerError`` when none answers.
     """
 
     def __init__(
@@ -221,21 +221,15 @@ class Connection:
         self._link.send("command_long_send", system, 0, command, 0, *parameters)
 
     def _asked(self, message: int, name: str) -> Any:
-        """Request a message; None when no part of the vehicle sends it."""
-        return self._awaited(name, lambda: self._request(message))
-
-    def _awaited(self, name: str, ask: Callable[[], None]) -> Any:
-        """The next message of this name after ``ask``, which is called up to twice; None without it."""
+        """Request a message, up to twice; None when no part of the vehicle sends it."""
+        received = self._telemetry.received
         with self._link.changed:
-            self._telemetry.received.pop(name, None)
+            received.pop(name, None)
         for _ in range(2):
-            ask()
-            until = time.monotonic() + _EQUIPMENT_S
+            self._request(message)
             with self._link.changed:
-                while name not in self._telemetry.received and (left := until - time.monotonic()) > 0:
-                    self._link.changed.wait(left)
-                if name in self._telemetry.received:
-                    return self._telemetry.received[name]
+                if self._link.changed.wait_for(lambda: name in received, _EQUIPMENT_S):
+                    return received[name]
         return None
 
     def _value(self, message: Any) -> float:

@@ -156,11 +156,10 @@ class Vehicle(Connection):
                 *map(float, numbers),
                 done=lambda: self._telemetry.state.custom_mode != before,
             )
-            until = time.monotonic() + _CHANGE_S
             with self._link.changed:
-                while self._telemetry.state.custom_mode != wanted and (left := until - time.monotonic()) > 0:
-                    self._link.changed.wait(left)
-                if self._telemetry.state.custom_mode == wanted:
+                if self._link.changed.wait_for(
+                    lambda: self._telemetry.state.custom_mode == wanted, _CHANGE_S
+                ):
                     return
         raise VehicleError(
             f"The vehicle does not change to {mode.name}{self._said_since(began_s)}.",
